@@ -1,0 +1,5 @@
+"""`python -m certify` is the `certify` command."""
+
+from certify.cli import run
+
+run()

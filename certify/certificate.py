@@ -1,0 +1,83 @@
+"""Certificates: built from a spec, checked by the kernel before they are written, renamed into place."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import tempfile
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from certify import __version__
+from certify.kernel.check import FORMAT, Verdict, check
+from certify.kernel.spec import Microgrid, decode
+from certify.search.prove import Progress, find_claims
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A certificate that the kernel has accepted: its bytes, the verdict, and why open claims are open.
+
+    `notes` maps the id of an unknown claim to a code of `certify explain`.
+    """
+
+    data: bytes
+    verdict: Verdict
+    notes: dict[str, str]
+
+
+def prove(spec: bytes, progress: Progress | None = None) -> Certificate:
+    """Search for proofs of all claims of a spec, write them down and have the kernel check them from the bytes.
+
+    Raises: SpecError if the spec is not well formed; Rejected if the kernel turns the result down, which is a defect
+    of the search and never a wrong verdict.
+    """
+    return _prove(spec, decode(spec), progress)
+
+
+def _prove(spec: bytes, grid: Microgrid, progress: Progress | None) -> Certificate:
+    found = find_claims(grid, progress)
+    notes = found.pop("notes")
+    document = {
+        "format": FORMAT,
+        "spec_sha256": hashlib.sha256(spec).hexdigest(),
+        **found,
+        "provenance": {
+            "certify": __version__,
+            "python": platform.python_version(),
+            "created": _now(),
+            "notes": notes,
+        },
+    }
+    data = to_canonical_json(document)
+    return Certificate(data, check(spec, data), notes)
+
+
+def _now() -> str:
+    epoch = os.environ.get("SOURCE_DATE_EPOCH")
+    moment = datetime.fromtimestamp(int(epoch), UTC) if epoch and epoch.isdecimal() else datetime.now(UTC)
+    return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def to_canonical_json(document: dict[str, Any]) -> bytes:
+    """The one text of a certificate: keys sorted, one space of indentation, a final newline."""
+    return (json.dumps(document, sort_keys=True, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Write beside the target, then rename: a reader never sees half a file. Raises: OSError."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(name, 0o666 & ~mask)
+        os.replace(name, path)
+    except BaseException:
+        os.unlink(name)
+        raise

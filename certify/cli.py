@@ -1,0 +1,313 @@
+"""The command line: parse, call, render, exit code. Heavy imports are inside the commands that need them."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn
+
+from certify import __version__
+from certify.kernel.errors import Fault, Rejected, SpecError
+
+EXIT_CODES = {"certified": 0, "refuted": 1, "bad input": 2, "unknown": 3, "conditional": 3, "rejected": 4}
+USAGE, INTERNAL = 2, 70
+# Of many outcomes the gate reports the worst: what cannot be trusted, then what cannot be read, then the verdicts.
+WORST_FIRST = (4, 2, 1, 3, 0)
+EXITS = "exit codes: 0 certified, 1 refuted, 2 usage or bad input, 3 unknown, 4 certificate rejected, 70 internal error"
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of all commands."""
+    parser = argparse.ArgumentParser(
+        prog="certify", description="Exact, checkable proofs of the stability of islanded AC microgrids.", epilog=EXITS
+    )
+    parser.add_argument("--version", action="version", version=f"certify {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(
+        name: str, run: Callable[[argparse.Namespace], int], text: str, example: str
+    ) -> argparse.ArgumentParser:
+        sub = commands.add_parser(
+            name,
+            help=text,
+            description=text,
+            epilog=f"example:\n  {example}\n\n{EXITS}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        sub.set_defaults(run=run)
+        sub.add_argument("--json", action="store_true", help="print the result as JSON")
+        return sub
+
+    prove = command(
+        "prove",
+        run_prove,
+        "search for proofs and write a certificate",
+        "certify prove specs/cigre-mv.toml -o cigre.cert.json",
+    )
+    prove.add_argument("spec", metavar="SPEC", help="the microgrid, TOML or JSON")
+    prove.add_argument("-o", "--output", metavar="CERT", help="where to write the certificate")
+    prove.add_argument("--all", action="store_true", help="list every claim")
+
+    check = command(
+        "check",
+        run_check,
+        "check a certificate with the kernel alone",
+        "certify check specs/cigre-mv.toml cigre.cert.json",
+    )
+    check.add_argument("spec", metavar="SPEC", help="the microgrid that the certificate is about")
+    check.add_argument("certificate", metavar="CERT", help="the certificate")
+    check.add_argument("--all", action="store_true", help="list every claim")
+
+    gate = command("gate", run_gate, "prove many specs; the exit code is for CI", "certify gate specs/*.toml")
+    gate.add_argument("specs", metavar="SPEC", nargs="+", help="microgrids, TOML or JSON")
+
+    explain = command(
+        "explain", run_explain, "explain a code or a rule, or tell a certificate in words", "certify explain S304"
+    )
+    explain.add_argument("subject", metavar="CODE|CERT", help="a code or rule of a message, or a certificate")
+    explain.add_argument("spec", metavar="SPEC", nargs="?", help="the spec of the certificate")
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command and return its exit code; never a traceback."""
+    options = build_parser().parse_args(arguments)
+    try:
+        code: int = options.run(options)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # the reader went away; there is nobody to tell
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except Exception as error:
+        if os.environ.get("CERTIFY_DEBUG"):
+            raise
+        print(f"internal error: {type(error).__name__}: {error}", file=sys.stderr)
+        print("this is a defect of certify; CERTIFY_DEBUG=1 shows where", file=sys.stderr)
+        return INTERNAL
+
+
+def run_prove(options: argparse.Namespace) -> int:
+    from certify.certificate import write_atomically
+
+    output = Path(options.output) if options.output else None
+    if output is not None:
+        same = output.exists() and Path(options.spec).exists() and output.samefile(options.spec)
+        if same or output.is_dir() or not output.parent.is_dir():
+            reason = "it is the spec itself" if same else "there is no such folder, or it is a folder itself"
+            return _bad_input(options, (Fault("U001", "--output", f"cannot write {options.output}: {reason}"),))
+    try:
+        certificate = _prove(options.spec)
+    except SpecError as error:
+        return _bad_input(options, error.faults)
+    if output is not None:
+        try:
+            write_atomically(output, certificate.data)
+        except OSError as error:
+            return _bad_input(options, (Fault("U001", "--output", f"cannot write {output}: {error.strerror}"),))
+    return _report(options, certificate.verdict, certificate.notes, {"certificate": options.output})
+
+
+def run_check(options: argparse.Namespace) -> int:
+    from certify.inputs import read
+    from certify.kernel.check import check
+
+    try:
+        spec = read(options.spec)
+        try:
+            certificate = read(options.certificate)
+        except SpecError as error:
+            return _bad_input(options, error.faults, options.certificate)
+        verdict = check(spec, certificate)
+    except SpecError as error:
+        return _bad_input(options, error.faults)
+    except Rejected as rejection:
+        return _rejected(options, rejection)
+    return _report(options, verdict, _notes(certificate), {})
+
+
+def run_gate(options: argparse.Namespace) -> int:
+    results: list[dict[str, Any]] = []
+    for spec in options.specs:
+        started = time.perf_counter()
+        entry: dict[str, Any] = {"spec": spec}
+        try:
+            certificate = _prove(spec)
+        except SpecError as error:
+            entry |= {"outcome": "bad input", "detail": [f"{f.code} {f.path}: {f.message}" for f in error.faults]}
+        except Rejected as error:
+            entry |= {"outcome": "rejected", "detail": [str(error)]}
+        else:
+            open_claims = [c for c in certificate.verdict.claims if c.status != "proved"]
+            detail = [f"{c.status} {c.id} ({c.rule or certificate.notes.get(c.id)})" for c in open_claims]
+            entry |= {"outcome": certificate.verdict.outcome, "detail": detail}
+        entry |= {
+            "exit_code": EXIT_CODES[entry["outcome"]],
+            "milliseconds": round(1000 * (time.perf_counter() - started)),
+        }
+        results.append(entry)
+        if not options.json:
+            _print_gate_line(entry)
+    codes = {entry["exit_code"] for entry in results}
+    worst = next(code for code in WORST_FIRST if code in codes)
+    if options.json:
+        print(json.dumps({"exit_code": worst, "results": results}, indent=1))
+    else:
+        passed = sum(entry["exit_code"] == 0 for entry in results)
+        print(f"{passed} of {len(results)} certified")
+    return worst
+
+
+def run_explain(options: argparse.Namespace) -> int:
+    from certify.diagnostics import DIAGNOSTICS, explain
+
+    subject = options.subject
+    if subject in DIAGNOSTICS:
+        print(json.dumps(vars(DIAGNOSTICS[subject]), indent=1) if options.json else explain(subject))
+        return 0
+    if not Path(subject).exists():
+        known = ", ".join(DIAGNOSTICS)
+        message = f"{subject!r} is neither a file nor a code; codes and rules: {known}"
+        return _bad_input(options, (Fault("U001", "CODE|CERT", message),))
+    if options.spec is None:
+        message = "a certificate is told with its spec, because nothing in it is believed unchecked"
+        return _bad_input(options, (Fault("U001", "SPEC", message),))
+    from certify.inputs import read
+    from certify.kernel.check import check
+    from certify.report.text import tell
+
+    try:
+        certificate = read(subject)
+        verdict = check(read(options.spec), certificate)
+    except SpecError as error:
+        return _bad_input(options, error.faults)
+    except Rejected as rejection:
+        return _rejected(options, rejection)
+    if options.json:
+        return _report(options, verdict, _notes(certificate), {})
+    print(tell(verdict, f"{subject}, checked against {options.spec}: {verdict.outcome}"))
+    return EXIT_CODES[verdict.outcome]
+
+
+def _prove(path: str) -> Any:
+    from certify.certificate import prove
+    from certify.inputs import decode_all, read
+
+    data = read(path)
+    decode_all(data)
+    with _progress(f"proving {path}") as progress:
+        return prove(data, progress)
+
+
+@contextlib.contextmanager
+def _progress(title: str) -> Any:
+    """A progress bar on a terminal, but only for what takes longer than a second."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    started = time.perf_counter()
+    bar: Any = None
+
+    def progress(done: int, total: int) -> None:
+        nonlocal bar
+        if bar is None and time.perf_counter() - started > 1:
+            from rich.console import Console
+            from rich.progress import Progress
+
+            bar = Progress(console=Console(stderr=True), transient=True)
+            bar.start()
+            bar.add_task(title, total=total)
+        if bar is not None:
+            bar.update(bar.task_ids[0], completed=done)
+
+    try:
+        yield progress
+    finally:
+        if bar is not None:
+            bar.stop()
+
+
+def _notes(certificate: bytes) -> dict[str, str]:
+    """Why open claims are open, as the search noted it: not trusted, and shown only if it is a known code."""
+    from certify.diagnostics import DIAGNOSTICS
+
+    provenance = json.loads(certificate)["provenance"]
+    notes = provenance.get("notes") if isinstance(provenance, dict) else None
+    return (
+        {k: v for k, v in notes.items() if isinstance(v, str) and v in DIAGNOSTICS} if isinstance(notes, dict) else {}
+    )
+
+
+def _report(options: argparse.Namespace, verdict: Any, notes: dict[str, str], more: dict[str, Any]) -> int:
+    code = EXIT_CODES[verdict.outcome]
+    if options.json:
+        from certify.report.machine import verdict_to_dict
+
+        result = {"spec": options.spec, **more, **verdict_to_dict(verdict, notes), "exit_code": code}
+        print(json.dumps(result, indent=1, ensure_ascii=False))
+    else:
+        from certify.report.text import render_verdict
+
+        print(render_verdict(verdict, options.spec, notes, options.all, sys.stdout.isatty()))
+        if more.get("certificate"):
+            print(f"certificate: {more['certificate']}")
+    return code
+
+
+def _bad_input(options: argparse.Namespace, faults: tuple[Fault, ...], file: str | None = None) -> int:
+    if options.json:
+        from certify.report.machine import faults_to_dict
+
+        print(
+            json.dumps({"spec": getattr(options, "spec", None), **faults_to_dict(faults), "exit_code": USAGE}, indent=1)
+        )
+    else:
+        from certify.report.text import render_faults
+
+        name = file or getattr(options, "spec", None) or options.command
+        print(render_faults(faults, name, sys.stderr.isatty()), file=sys.stderr)
+    return USAGE
+
+
+def _rejected(options: argparse.Namespace, rejection: Rejected) -> int:
+    code = EXIT_CODES["rejected"]
+    if options.json:
+        entry = {"code": rejection.code, "where": rejection.where, "reason": rejection.reason}
+        print(json.dumps({"spec": options.spec, "outcome": "rejected", **entry, "exit_code": code}, indent=1))
+    else:
+        from certify.diagnostics import DIAGNOSTICS
+        from certify.report.text import paint
+
+        head = paint("rejected", sys.stderr.isatty())
+        print(f"{head}[{rejection.code}]: {rejection.reason}\n --> {rejection.where}", file=sys.stderr)
+        print(f"  = help: {DIAGNOSTICS[rejection.code].remedy}", file=sys.stderr)
+    return code
+
+
+def _print_gate_line(entry: dict[str, Any]) -> None:
+    from certify.report.text import paint
+
+    word = entry["outcome"]
+    print(f"{paint(word, sys.stdout.isatty(), f'{word:10}')} {entry['milliseconds']:>6} ms  {entry['spec']}")
+    for text in entry["detail"][:8]:
+        print(f"{'':21}{text}")
+    if len(entry["detail"]) > 8:
+        print(f"{'':21}and {len(entry['detail']) - 8} more")
+
+
+def run() -> NoReturn:
+    """Entry point of the `certify` command."""
+    sys.exit(main())
+
+
+if __name__ == "__main__":
+    run()

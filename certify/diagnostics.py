@@ -1,0 +1,328 @@
+"""What each code means, why it matters and what to try: data for `certify explain` and for the help of messages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """A stable code with its title, the reason behind it, and what to try. `example` is a short good input."""
+
+    code: str
+    title: str
+    why: str
+    remedy: str
+    example: str = ""
+
+
+_SMALLEST = """format = "certify/microgrid@1"
+frequency = "50 Hz"
+[filter.lc]
+R = "0.1 ohm"
+L = "1.8 mH"
+C = "25 uF"
+[controller.phs]
+kind = "ida-pbc"
+alpha = -5
+nu = 1
+ki = 100
+[node.a]
+dgu = { filter = "lc", controller = "phs", reference = ["20 kV", "0 V"] }
+load = [{ kind = "rl", R = "50 ohm", L = "0.1 H" }]"""
+
+_ALL = (
+    Diagnostic(
+        "S000",
+        "the file cannot be read",
+        "It does not exist, is a directory, or may not be read.",
+        "check the path",
+    ),
+    Diagnostic(
+        "S001",
+        "not UTF-8 text",
+        "Specs and certificates are UTF-8, so that a hash of the bytes means one text.",
+        "save the file as UTF-8",
+    ),
+    Diagnostic(
+        "S002",
+        "not valid TOML or JSON",
+        "A file that starts with { is read as JSON, any other as TOML.",
+        "the message names the place; a smallest spec is in `certify explain S002`",
+        _SMALLEST,
+    ),
+    Diagnostic(
+        "S003",
+        "absurdly large or deep",
+        "Input that no microgrid needs is refused before it costs time.",
+        "generated specs of many nodes belong into JSON",
+    ),
+    Diagnostic(
+        "S101",
+        "unknown key",
+        "A misspelt key that was ignored would change what is proved.",
+        "remove it or spell it as the format does",
+    ),
+    Diagnostic("S102", "missing key", "Nothing that changes the model has a silent default.", "add the key"),
+    Diagnostic(
+        "S103",
+        "wrong shape",
+        "A table, list or text stands where the format has another.",
+        "compare with the specs in the folder specs/",
+    ),
+    Diagnostic("S104", "given twice", "Two values for one key have no meaning.", "remove one of them"),
+    Diagnostic(
+        "S105",
+        "not a usable name",
+        "Names appear in paths, claims and reports.",
+        "letters, digits, _ . : + - and inner spaces; in `let` a word that is not R, L, C or w0",
+    ),
+    Diagnostic(
+        "S107",
+        "not one of the choices",
+        "The kind decides which equations a part has.",
+        "take one of the words in the message",
+        'kind = "zip"',
+    ),
+    Diagnostic("S108", "too many faults", "Only the first ones are listed.", "mend these first"),
+    Diagnostic(
+        "S201",
+        "not a number",
+        "Numbers are finite decimals and mean exactly what they say.",
+        'write for example 1.8e-3 or "1.8 mH"',
+        'L = "1.8 mH"',
+    ),
+    Diagnostic(
+        "S202",
+        "absurd size",
+        "Numbers are bounded in length, exponent and value, so that hostile input costs nothing.",
+        "at most 120 characters, exponents up to 60",
+    ),
+    Diagnostic(
+        "S203",
+        "wrong unit",
+        "The unit must measure what the key asks for; prefixes f to T may stand before it.",
+        "ohm, H, F, S, V, A, W, var, VA, Hz, s, m, and per metre for lines; a bare number is SI",
+        'R = "0.343 ohm/km"',
+    ),
+    Diagnostic(
+        "S204",
+        "per unit without a base",
+        "pu means nothing without base_voltage, and for powers, currents and impedances base_power.",
+        "give the base, or the value in SI",
+        'base_voltage = "20 kV"',
+    ),
+    Diagnostic(
+        "S205",
+        "formula cannot be read",
+        "Formulas have numbers, names, + - * / ^ and parentheses; ^ takes a small whole number.",
+        "write it with these",
+        'K11 = "1 - kp*L"',
+    ),
+    Diagnostic(
+        "S206",
+        "unknown name in a formula",
+        "In scope are R, L, C, w0 of the controller's design, and the names of `let` before it.",
+        "define it in `let`",
+        "let = { kp = 1000 }",
+    ),
+    Diagnostic("S207", "division by zero", "The gain has no value.", "check the numbers that the formula uses"),
+    Diagnostic(
+        "S208",
+        "wrong sign",
+        "Inductances, capacitances, lengths, voltages of a band and the resistance of a line are positive; "
+        "a filter's resistance may be zero.",
+        "check the sign",
+    ),
+    Diagnostic(
+        "S301", "line to nowhere", "Both ends of a line are names of nodes.", "define the node, or mend the name"
+    ),
+    Diagnostic("S302", "self-loop", "A line joins two different nodes.", "mend `from` or `to`"),
+    Diagnostic("S303", "two lines of one name", "Claims are named after lines.", "rename one"),
+    Diagnostic(
+        "S304",
+        "island without a DGU",
+        "Without an inverter nothing forms a voltage there, so there is no equilibrium to speak of.",
+        "connect it, give it a DGU, or leave it out",
+    ),
+    Diagnostic(
+        "S305",
+        "node without capacitance",
+        "At a node without a DGU the voltage is the state of the line legs; without any it is no state.",
+        "give its lines a C, or the node a capacitance",
+        'capacitance = "10 nF"',
+    ),
+    Diagnostic("S306", "not defined", "Filters, controllers and line types are defined by name.", "define it"),
+    Diagnostic(
+        "S307",
+        "empty voltage band",
+        "The claim on a load must hold between two voltages, the lower first.",
+        "give two positive voltages in order",
+        'voltage_band = ["0.6 pu", "1.2 pu"]',
+    ),
+    Diagnostic("S308", "no node", "A microgrid has at least one node with a DGU.", "define one"),
+    Diagnostic("S309", "event out of time", "Events come before the end of their scenario.", "mend `at` or `end`"),
+    Diagnostic(
+        "U001",
+        "usage",
+        "The command line does not fit the command.",
+        "see `certify --help` and `certify COMMAND --help`",
+    ),
+    Diagnostic(
+        "K101",
+        "not a certificate",
+        "The file is not JSON of the certificate's shape.",
+        "write it again with `certify prove`",
+    ),
+    Diagnostic(
+        "K102",
+        "another format",
+        "A certificate of another version says other things.",
+        "write it again with `certify prove`",
+    ),
+    Diagnostic(
+        "K103",
+        "about another spec",
+        "A certificate names its spec by a hash of all its bytes.",
+        "prove the changed spec: `certify prove SPEC -o CERT`",
+    ),
+    *(
+        Diagnostic(
+            code,
+            title,
+            "The certificate is not as the format has it, so nothing in it is believed.",
+            "write it again with `certify prove`",
+        )
+        for code, title in (
+            ("K104", "proof does not match its key"),
+            ("K105", "claims are not those of the spec"),
+            ("K106", "unknown claim with a proof"),
+            ("K107", "rule does not fit the claim"),
+            ("K108", "proof missing"),
+            ("K109", "proof of nothing"),
+            ("K110", "ledger is not that of the spec"),
+            ("K111", "verdict does not follow"),
+        )
+    ),
+    Diagnostic(
+        "K201",
+        "proof does not hold",
+        "The kernel rebuilt the claim from the spec, and a side condition of the rule fails.",
+        "do not use this certificate; write it again with `certify prove`",
+    ),
+    Diagnostic(
+        "P201",
+        "passivity of a DGU undecided",
+        "Neither a storage function nor a witness against all of them was found. Usual reasons: an integrator that "
+        "does not act on the output (K13 singular), or a lossless design whose storage function is not unique.",
+        "leave out the integrator (no K13), or add damping",
+    ),
+    Diagnostic(
+        "P202",
+        "monotonicity of a load undecided",
+        "Sums of powers with broken exponents are decided by enclosures, and the margin is too small for them.",
+        "narrow the voltage band",
+    ),
+    Diagnostic(
+        "P203",
+        "convergence undecided",
+        "On the island some claim is not proved, or a motion without dissipation other than rest cannot be excluded: "
+        "then the equilibrium is stable at best, not asymptotically.",
+        "look at the claims of its DGUs and loads first; then add damping, integral action or a strictly monotone load",
+    ),
+    Diagnostic(
+        "P204",
+        "stability of the microgrid not proved",
+        "It follows when every other claim is proved. A refuted claim about a part does not refute the stability of "
+        "the network: other parts may make up for it.",
+        "mend the claims that are not proved",
+    ),
+    Diagnostic("P205", "undecided", "The rule for this claim does not apply.", "report this: it should not happen"),
+    Diagnostic(
+        "series-branch",
+        "proof rule: series branch",
+        "A resistance and an inductance in series store L|I~|^2/2 and dissipate R|I~|^2, with both positive.",
+        "nothing to search for",
+    ),
+    Diagnostic(
+        "quadratic-storage",
+        "proof rule: quadratic storage function",
+        "S = x~'P x~/2 with P > 0, P B = C' and -(F'P + PF) >= 0, all exact: S' = <z~, d~> - dissipation at every "
+        "equilibrium. The certificate holds P, the kernel rebuilds F, B and C from the spec.",
+        "gains must be formulas of the plant data: the feasible ones have measure zero",
+    ),
+    Diagnostic(
+        "frequency-witness",
+        "refutation: a growing oscillation that is fed nothing",
+        "At a point s0 of the right half-plane a current u exp(s0 t) takes power out of the DGU although it grows from "
+        "rest: Re(u* Z(s0) u) < 0. No storage function of any kind can allow that. It refutes passivity of this part, "
+        "not stability of the network.",
+        "correct the gains; the `2 w0 L` and the sign of kp*L are the classic errors",
+    ),
+    Diagnostic(
+        "storage-contradiction",
+        "refutation: the equations for a storage function contradict each other",
+        "If any storage function exists, a quadratic one does (the available storage). A chain of identities shows "
+        "that no P >= 0 satisfies P B = C' and -(F'P + PF) >= 0. It catches what frequencies do not see: a mode that the "
+        "port does not excite, but that drives it.",
+        "look for a controller state that nothing damps through the port",
+    ),
+    Diagnostic(
+        "monotone-polynomial",
+        "proof rule: monotone load, whole exponents",
+        "G >= 0 and D = G (G + v G') - (v B')^2/4 >= 0 on the band, by Sturm sequences; strict if both are > 0.",
+        "complete for ZIP loads and their sums",
+    ),
+    Diagnostic(
+        "monotone-exponential",
+        "proof rule: monotone load, one exponential law",
+        "4 (np-1) P^2 > (nq-2)^2 Q^2 changes sign at most once in v, so the two ends of the band decide.",
+        "complete for a single exponential load",
+    ),
+    Diagnostic(
+        "monotone-enclosure",
+        "proof rule: monotone load by enclosures",
+        "The band is cut into cells, on each of which rigorous enclosures of G and D are positive.",
+        "for sums of loads with broken exponents; not complete",
+    ),
+    Diagnostic(
+        "voltage-pair",
+        "refutation: two voltages between which the load current falls",
+        "At one voltage the linearised load is active, and for two voltages of the band <V - U, I(V) - I(U)> < 0, "
+        "both checked exactly. It refutes monotonicity on the band, not stability of the network.",
+        "narrow the band to higher voltages, or reduce the constant-power share",
+    ),
+    Diagnostic(
+        "skew-incidence",
+        "proof rule: interconnection",
+        "What lines feed into nodes is minus the transpose of what nodes feed into lines, so no energy arises.",
+        "holds for every network of lines and nodes",
+    ),
+    Diagnostic(
+        "invariant-set",
+        "proof rule: LaSalle on one island",
+        "Where nothing dissipates, line currents rest, so all voltage deviations are equal; at the pin they vanish; "
+        "and then no DGU can move unseen. Checked by exact ranks.",
+        "needs one strictly monotone load, series R-L load or suitable DGU on each island",
+    ),
+    Diagnostic(
+        "passive-interconnection",
+        "proof rule: the network",
+        "The sum of all storage functions is a Lyapunov function of every equilibrium, known or not.",
+        "needs every other claim",
+    ),
+)
+DIAGNOSTICS = {entry.code: entry for entry in _ALL}
+
+
+def explain(code: str) -> str:
+    """What / Why / What to try for one code, as text. Raises: KeyError for an unknown code.
+
+    >>> explain("S302").splitlines()[0]
+    'S302: self-loop'
+    """
+    entry = DIAGNOSTICS[code]
+    lines = [f"{entry.code}: {entry.title}", "", entry.why, "", f"What to try: {entry.remedy}."]
+    if entry.example:
+        lines += ["", "Example:", *(f"    {line}" for line in entry.example.splitlines())]
+    return "\n".join(lines)

@@ -1,0 +1,50 @@
+"""Reading spec files: the kernel's decoder for the microgrid, the simulator's for the scenarios, faults together."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from certify.kernel.errors import Fault, SpecError
+from certify.kernel.spec import MAX_BYTES, Decoder, Microgrid, read_document
+
+
+def read(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
+    """The bytes of a file, not more than `limit` + 1 of them, so that an endless one is refused quickly.
+
+    Raises: SpecError S000 if it cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            return file.read(limit + 1)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise SpecError((Fault("S000", "", f"cannot read the file: {reason}"),)) from None
+
+
+def load(path: str | os.PathLike[str]) -> Microgrid:
+    """The microgrid that a spec file describes, its scenarios checked too.
+
+    Raises: SpecError with every fault found.
+    """
+    return decode_all(read(path))
+
+
+def decode_all(data: bytes) -> Microgrid:
+    """The microgrid of a spec; faults of its scenarios are reported together with its own. Raises: SpecError."""
+    document = read_document(data)
+    faults: list[Fault] = []
+    grid = None
+    try:
+        grid = Decoder(document).microgrid()
+    except SpecError as error:
+        faults += error.faults
+    raw: Any = document.get("scenario")
+    if raw is not None:
+        from certify.simulate.scenario import find_faults
+
+        faults += find_faults(document)
+    if grid is None or faults:
+        raise SpecError(tuple(faults))
+    return grid

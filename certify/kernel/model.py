@@ -1,0 +1,164 @@
+"""What a spec means: exact matrices, load laws and incidence. SI units, dq frame at w0 (THEORY 1).
+
+The state of a DGU is (V_d, V_q, I_d, I_q, v_d, v_q), v being the integral of V* - V, in deviations from an
+equilibrium. A user's own linear loop keeps its own states. All functions are pure and exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+
+from certify.kernel.linalg import Matrix, add, block, identity, multiply, scale, solve, to_matrix, zeros
+from certify.kernel.poly import Polynomial, to_polynomial
+from certify.kernel.spec import Dgu, IdaPbc, LinearLoop, Microgrid, Node, StateFeedback, ZipLoad
+
+J = to_matrix([[0, -1], [1, 0]])  # multiplication by j
+I2 = identity(2)
+
+
+@dataclass(frozen=True)
+class LinearPort:
+    """x' = F x + B d, z = C x, in deviations from an equilibrium: a subsystem with the port (d, z).
+
+    Shapes: F (n, n), B (n, m), C (m, n). `capacitance_farad` is set if x starts with the node voltage and only
+    the node's capacitor sees d: then P B = C' leaves no choice for the first two rows of a storage matrix P.
+    """
+
+    F: Matrix
+    B: Matrix
+    C: Matrix
+    capacitance_farad: Fraction | None = None
+
+
+@dataclass(frozen=True)
+class PowerTerm:
+    """coefficient (v / base)^exponent, a summand of an active or reactive power."""
+
+    coefficient: Fraction
+    base_volt: Fraction
+    exponent: Fraction
+
+
+@dataclass(frozen=True)
+class LoadLaw:
+    """P(v) and Q(v) of everything static at a node, as sums of power terms; I = (P - jQ) / v^2 * V."""
+
+    active: tuple[PowerTerm, ...]
+    reactive: tuple[PowerTerm, ...]
+
+
+def node_capacitances(grid: Microgrid) -> dict[str, Fraction]:
+    """Farad at each node: its own, half of each attached line's, and the filter's if it has one."""
+    total = {node.name: node.capacitance_farad for node in grid.nodes}
+    with_dgu = {node.name for node in grid.nodes if node.dgu}
+    for line in grid.lines:
+        for end in (line.start, line.end):
+            if grid.line_legs_at_dgus or end not in with_dgu:
+                total[end] += line.capacitance_farad / 2
+    for node in grid.nodes:
+        if node.dgu and node.dgu.filter:
+            total[node.name] += node.dgu.filter.capacitance_farad
+    return total
+
+
+def to_state_feedback(law: IdaPbc) -> StateFeedback:
+    """An IDA-PBC law with integral action as u = K11 V + K12 I + K13 v, in deviations (v = -xi; THEORY 4).
+
+    Its own inductance, resistance and w0 enter, not the plant's; its j-term is constant and drops out.
+    """
+
+    def diagonal(d: Fraction, q: Fraction) -> Matrix:
+        return ((d, Fraction(0)), (Fraction(0), q))
+
+    ratio = tuple(a / n for a, n in zip(law.alpha, law.nu, strict=True))
+    inductance, resistance = law.design.inductance_henry, law.design.resistance_ohm
+    K11 = diagonal(*(1 - n - k * inductance for n, k in zip(law.nu, law.ki, strict=True)))
+    K12 = add(diagonal(*(r + resistance for r in ratio)), scale(law.design_w0 * inductance, J))
+    K13 = diagonal(*(-r * k for r, k in zip(ratio, law.ki, strict=True)))
+    return StateFeedback(K11, K12, K13)
+
+
+def dgu_port(dgu: Dgu, capacitance_farad: Fraction, w0: Fraction) -> LinearPort:
+    """The shifted closed loop of a DGU without its load (paper, eq. control:dgu_augemented_shifted, in V, I, v).
+
+    `capacitance_farad` is all the capacitance at the node, as `node_capacitances` gives it.
+    Raises: ZeroDivisionError if the legs of the lines make a user's linear loop algebraic.
+    """
+    law = dgu.controller
+    if isinstance(law, LinearLoop):
+        legs = capacitance_farad - (dgu.filter.capacitance_farad if dgu.filter else 0)
+        # d = d_lines - legs (z' + j w0 z), and z' = C F x + C B d: solve for x'.
+        load = add(identity(len(law.F)), scale(legs, multiply(law.B, law.C)))
+        inner = add(law.F, scale(-legs * w0, multiply(law.B, multiply(J, law.C))))
+        return LinearPort(solve(load, inner), solve(load, law.B), law.C)
+    if dgu.filter is None:
+        raise ValueError("a DGU without a filter needs a linear loop")
+    gains = to_state_feedback(law) if isinstance(law, IdaPbc) else law
+    inductance, c = dgu.filter.inductance_henry, capacitance_farad
+    G = add(I2, scale(-1, gains.K11))
+    H = add(add(scale(-dgu.filter.resistance_ohm, I2), scale(-w0 * inductance, J)), gains.K12)
+    Z, one_over_c, one_over_l = zeros(2, 2), 1 / c, 1 / inductance
+    voltage, current = scale(-w0, J), scale(one_over_c, I2)
+    B, C = scale(one_over_c, I2), I2
+    if gains.K13 is None:
+        F = block([[voltage, current], [scale(-one_over_l, G), scale(one_over_l, H)]])
+        return LinearPort(F, block([[B], [Z]]), block([[C, Z]]), c)
+    F = block(
+        [
+            [voltage, current, Z],
+            [scale(-one_over_l, G), scale(one_over_l, H), scale(one_over_l, gains.K13)],
+            [scale(-1, I2), Z, Z],
+        ]
+    )
+    return LinearPort(F, block([[B], [Z], [Z]]), block([[C, Z, Z]]), c)
+
+
+def load_law(node: Node) -> LoadLaw:
+    """The sum of the static loads at a node (THEORY 1); equal powers are added up."""
+    sums: tuple[dict[tuple[Fraction, Fraction], Fraction], ...] = ({}, {})
+    for load in node.loads:
+        one = Fraction(1)
+        if isinstance(load, ZipLoad):
+            terms = [
+                (part, one, Fraction(e), coefficients[part])
+                for e, coefficients in ((2, load.Y), (1, load.I), (0, load.P))
+                for part in (0, 1)
+            ]
+        else:
+            terms = [(0, load.V0_volt, load.np, load.P0_watt), (1, load.V0_volt, load.nq, load.Q0_var)]
+        for part, base, exponent, coefficient in terms:
+            if exponent.denominator == 1:  # a whole power needs no base of its own, and joins the others
+                coefficient, base = coefficient / base**exponent.numerator, one
+            sums[part][base, exponent] = sums[part].get((base, exponent), Fraction(0)) + coefficient
+    laws = [tuple(PowerTerm(c, *key) for key, c in sorted(part.items()) if c) for part in sums]
+    return LoadLaw(laws[0], laws[1])
+
+
+def power_polynomials(law: LoadLaw) -> tuple[Polynomial, Polynomial] | None:
+    """P(v) and Q(v) as polynomials in v, if every exponent is a whole number from 0 to 12; else None."""
+
+    def polynomial(terms: Iterable[PowerTerm]) -> Polynomial | None:
+        coefficients = [Fraction(0)] * 13
+        for term in terms:
+            if term.exponent.denominator != 1 or not 0 <= term.exponent <= 12:
+                return None
+            coefficients[term.exponent.numerator] += term.coefficient / term.base_volt**term.exponent.numerator
+        return to_polynomial(coefficients)
+
+    P, Q = polynomial(law.active), polynomial(law.reactive)
+    return None if P is None or Q is None else (P, Q)
+
+
+def incidence(grid: Microgrid) -> tuple[dict[tuple[str, str], int], dict[tuple[str, str], int]]:
+    """What a node receives from a line, and what a line receives from a node, as {(node, line): sign}.
+
+    Node balance d_k = sum(in) I_l - sum(out) I_l, line input V_start - V_end (THEORY 1); each by its own rule.
+    """
+    injection: dict[tuple[str, str], int] = {}
+    drop: dict[tuple[str, str], int] = {}
+    for line in grid.lines:
+        injection[line.start, line.name], injection[line.end, line.name] = -1, 1
+        drop[line.start, line.name], drop[line.end, line.name] = 1, -1
+    return injection, drop

@@ -1,0 +1,158 @@
+"""Exact univariate polynomials: arithmetic, Sturm sequences, sign on an interval.
+
+A polynomial is a tuple of `Fraction` coefficients, constant term first, no trailing zero; () is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fractions import Fraction
+from itertools import pairwise
+from math import gcd, lcm
+
+Polynomial = tuple[Fraction, ...]
+
+
+def to_polynomial(coefficients: Iterable[int | Fraction]) -> Polynomial:
+    p = [Fraction(c) for c in coefficients]
+    while p and not p[-1]:
+        p.pop()
+    return tuple(p)
+
+
+def add(p: Polynomial, q: Polynomial) -> Polynomial:
+    n = max(len(p), len(q))
+    zero = Fraction(0)
+    padded = ((*p, *[zero] * (n - len(p))), (*q, *[zero] * (n - len(q))))
+    return to_polynomial(a + b for a, b in zip(*padded, strict=True))
+
+
+def scale(factor: Fraction | int, p: Polynomial) -> Polynomial:
+    return to_polynomial(factor * a for a in p)
+
+
+def multiply(p: Polynomial, q: Polynomial) -> Polynomial:
+    if not p or not q:
+        return ()
+    out = [Fraction(0)] * (len(p) + len(q) - 1)
+    for i, a in enumerate(p):
+        if a:
+            for j, b in enumerate(q):
+                out[i + j] += a * b
+    return to_polynomial(out)
+
+
+def derivative(p: Polynomial) -> Polynomial:
+    return to_polynomial(i * a for i, a in enumerate(p) if i)
+
+
+def evaluate(p: Polynomial, x: Fraction) -> Fraction:
+    result = Fraction(0)
+    for a in reversed(p):
+        result = result * x + a
+    return result
+
+
+def primitive(p: Polynomial) -> Polynomial:
+    """A positive multiple of p with coprime integer coefficients: the same signs, smaller numbers."""
+    if not p:
+        return p
+    common = lcm(*(a.denominator for a in p))
+    whole = [a.numerator * (common // a.denominator) for a in p]
+    content = gcd(*whole)
+    return tuple(Fraction(a // content) for a in whole)
+
+
+def divide(p: Polynomial, q: Polynomial) -> tuple[Polynomial, Polynomial]:
+    """Quotient and remainder of p by q.
+
+    >>> divide(to_polynomial([-1, 0, 1]), to_polynomial([1, 1]))
+    ((Fraction(-1, 1), Fraction(1, 1)), ())
+    """
+    rest, quotient = list(p), [Fraction(0)] * max(len(p) - len(q) + 1, 0)
+    while len(rest) >= len(q):
+        shift, factor = len(rest) - len(q), rest[-1] / q[-1]
+        quotient[shift] = factor
+        for i, b in enumerate(q):
+            rest[shift + i] -= factor * b
+        rest.pop()
+        while rest and not rest[-1]:
+            rest.pop()
+    return to_polynomial(quotient), tuple(rest)
+
+
+def greatest_common_divisor(p: Polynomial, q: Polynomial) -> Polynomial:
+    while q:
+        p, q = q, primitive(divide(p, q)[1])
+    return primitive(p)
+
+
+def sturm_sequence(p: Polynomial) -> list[Polynomial]:
+    """The Sturm sequence of a nonzero p; each remainder is scaled by a positive factor only."""
+    chain = [primitive(p), primitive(derivative(p))]
+    while chain[-1]:
+        chain.append(scale(-1, primitive(divide(chain[-2], chain[-1])[1])))
+    return chain[:-1]
+
+
+def count_roots(p: Polynomial, low: Fraction, high: Fraction) -> int:
+    """How many distinct real roots p has in the half-open interval (low, high]; p(low) and p nonzero.
+
+    >>> count_roots(to_polynomial([-2, 0, 1]), Fraction(0), Fraction(2))
+    1
+    """
+    if not evaluate(p, low):
+        raise ValueError("the left end is a root")
+    chain = sturm_sequence(p)
+
+    def sign_changes(x: Fraction) -> int:
+        signs = [v > 0 for v in (evaluate(q, x) for q in chain) if v]
+        return sum(a != b for a, b in pairwise(signs))
+
+    return sign_changes(low) - sign_changes(high)
+
+
+def is_positive_on(p: Polynomial, low: Fraction, high: Fraction) -> bool:
+    """Whether p(x) > 0 for every x in [low, high]."""
+    if not p or evaluate(p, low) <= 0:
+        return False
+    return low == high or count_roots(p, low, high) == 0
+
+
+def odd_part(p: Polynomial) -> Polynomial:
+    """The product of the distinct irreducible factors of odd multiplicity: p changes sign at its roots only.
+
+    >>> odd_part(to_polynomial([0, 1, -2, 1]))  # x (x - 1)^2
+    (Fraction(0, 1), Fraction(1, 1))
+    """
+    result: Polynomial = to_polynomial([1])
+    common = greatest_common_divisor(p, derivative(p))
+    rest = divide(p, common)[0]  # the product of all distinct factors
+    odd = True
+    while len(rest) > 1:
+        further = greatest_common_divisor(rest, common)  # those of multiplicity above the current one
+        if odd:
+            result = multiply(result, divide(rest, further)[0])
+        common, rest, odd = divide(common, further)[0], further, not odd
+    return primitive(result)
+
+
+def is_nonnegative_on(p: Polynomial, low: Fraction, high: Fraction) -> bool:
+    """Whether p(x) >= 0 for every x in [low, high], low < high."""
+    if not p:
+        return True
+    ends = [e for e in (low, high) if not evaluate(p, e)]
+    if any(evaluate(p, e) < 0 for e in (low, high)):
+        return False
+    if len(p) == 1:
+        return True
+    changes = odd_part(p)
+    for end in ends:  # a sign change at an end itself is harmless: divide it out
+        quotient, remainder = divide(changes, to_polynomial([-end, 1]))
+        changes = changes if remainder else quotient
+    if len(changes) > 1 and count_roots(changes, low, high):
+        return False
+    # No sign change inside, so one point that is no root decides; p has at most len(p) - 1 roots.
+    steps = len(p) + 1
+    samples = (evaluate(p, low + (high - low) * Fraction(k, steps)) for k in range(1, steps))
+    return next(value for value in samples if value) > 0

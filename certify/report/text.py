@@ -1,0 +1,151 @@
+"""Verdicts and faults as text for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fractions import Fraction
+
+from certify.diagnostics import DIAGNOSTICS
+from certify.kernel.check import Claim, Verdict
+from certify.kernel.errors import Fault
+
+_COLOURS = {
+    "proved": "32",
+    "certified": "32;1",
+    "refuted": "31;1",
+    "unknown": "33;1",
+    "rejected": "31;1",
+    "error": "31;1",
+}
+_KINDS = {
+    "line": "lines",
+    "dgu": "DGUs",
+    "load": "loads",
+    "branch": "series R-L loads",
+    "interconnection": "interconnection",
+    "invariant-set": "LaSalle, by island",
+    "microgrid": "microgrid",
+}
+SHOWN_ALONE = 12  # open claims listed one by one
+
+
+def paint(word: str, colour: bool, text: str | None = None) -> str:
+    """A status word, coloured if asked for."""
+    text = word if text is None else text
+    return f"\033[{_COLOURS[word]}m{text}\033[0m" if colour and word in _COLOURS else text
+
+
+def approximate(x: Fraction) -> str:
+    """Six significant digits of an exact number.
+
+    >>> approximate(Fraction(1, 3)), approximate(Fraction(1, 10**400))
+    ('0.333333', '1.00000e-400')
+    """
+    try:
+        value = float(x)
+    except OverflowError:
+        value = 0.0
+    if value or not x:
+        return f"{value:g}"
+    from decimal import Context
+
+    ratio = Context(prec=6, Emax=999_999, Emin=-999_999).divide(
+        *(Context(prec=40).create_decimal(n) for n in x.as_integer_ratio())
+    )
+    return f"{ratio:.5e}"
+
+
+def table(rows: Iterable[tuple[str, ...]], indent: str = "  ") -> str:
+    """Columns wide enough for their longest entry."""
+    listed = list(rows)
+    widths = [max((len(row[k]) for row in listed), default=0) for k in range(max(map(len, listed), default=0))]
+    return "\n".join(
+        (indent + "  ".join(f"{x:<{w}}" for x, w in zip(row, widths, strict=False))).rstrip() for row in listed
+    )
+
+
+def render_verdict(
+    verdict: Verdict, spec: str, notes: dict[str, str], every_claim: bool = False, colour: bool = False
+) -> str:
+    """The verdict, a table of claims by kind (or all of them), and what is open or refuted with its reason."""
+    lines = [f"{paint(verdict.outcome, colour, verdict.outcome.upper())}: {spec}", ""]
+    if every_claim:
+        lines.append(table((c.status, c.id, c.rule or "-", c.statement) for c in verdict.claims))
+    else:
+        lines.append(table(_summary(verdict.claims)))
+    unsettled = [c for c in verdict.claims if c.status != "proved"]
+    for claim in unsettled[:SHOWN_ALONE]:
+        lines += ["", *_open_claim(claim, notes, colour)]
+    if len(unsettled) > SHOWN_ALONE:
+        lines += ["", f"and {len(unsettled) - SHOWN_ALONE} more claims that are not proved (--all lists every claim)"]
+    if verdict.outcome == "certified":
+        lines += ["", f"proved: {verdict.claims[-1].statement}."]
+    lines.append(
+        f"assumed, not proved: {', '.join(name for name, _ in verdict.assumptions)} (`certify explain CERT` says how)"
+    )
+    return "\n".join(lines)
+
+
+def _summary(claims: tuple[Claim, ...]) -> list[tuple[str, ...]]:
+    groups: dict[tuple[str, str], dict[str, int]] = {}
+    for claim in claims:
+        rules = groups.setdefault((claim.id.split("/")[0], claim.status), {})
+        rules[claim.rule or "-"] = rules.get(claim.rule or "-", 0) + 1
+    rows: list[tuple[str, ...]] = [("claims", "", "status", "by rule")]
+    for (kind, status), rules in groups.items():
+        shown = ", ".join(rule if len(rules) == 1 else f"{rule} ({count})" for rule, count in rules.items())
+        rows.append((_KINDS[kind], str(sum(rules.values())), status, shown))
+    return rows
+
+
+def _open_claim(claim: Claim, notes: dict[str, str], colour: bool) -> list[str]:
+    lines = [
+        f"{paint(claim.status, colour)}[{claim.rule or notes.get(claim.id, 'P205')}] {claim.id}: {claim.statement}"
+    ]
+    if claim.status == "refuted":
+        lines += [f"  {name}: {approximate(value)} {unit}".rstrip() for name, value, unit in claim.facts]
+        if claim.rule in ("frequency-witness", "storage-contradiction"):
+            lines.append("  so no storage function of any kind exists for this DGU with its controller.")
+        else:
+            lines.append("  so between two voltages of the band more voltage draws less current.")
+        lines.append(
+            "  This refutes the claim about this part, not the stability of the network: others may make up for it."
+        )
+    elif claim.id in notes:
+        lines.append(f"  {DIAGNOSTICS[notes[claim.id]].why}")
+        lines.append(f"  = help: {DIAGNOSTICS[notes[claim.id]].remedy}")
+    return lines
+
+
+def render_faults(faults: tuple[Fault, ...], file: str, colour: bool = False, limit: int = 40) -> str:
+    """Every fault with its code, its place and what to try."""
+    blocks = []
+    for fault in faults[:limit]:
+        place = f"{file}: {fault.path}" if fault.path else file
+        block = f"{paint('error', colour)}[{fault.code}]: {fault.message}\n --> {place}"
+        if fault.code in DIAGNOSTICS:
+            block += f"\n  = help: {DIAGNOSTICS[fault.code].remedy}"
+        blocks.append(block)
+    if len(faults) > limit:
+        blocks.append(f"and {len(faults) - limit} more faults")
+    return "\n".join(blocks)
+
+
+def tell(verdict: Verdict, title: str, limit: int = 200) -> str:
+    """A certificate in words: each claim, by which rule, with which margin, and what is assumed."""
+    lines = [title, ""]
+    for claim in verdict.claims[:limit]:
+        by = f", by rule {claim.rule}" if claim.rule else ""
+        lines.append(f"- {claim.id}: {claim.status}{by}. {claim.statement[0].upper()}{claim.statement[1:]}.")
+        lines += [f"    {name}: {_fact(name, value, unit)}" for name, value, unit in claim.facts]
+    if len(verdict.claims) > limit:
+        lines.append(f"- and {len(verdict.claims) - limit} more claims (--json has them all)")
+    lines += ["", "Assumed, and not proved:"]
+    lines += [f"- {name}: {text}." for name, text in verdict.assumptions]
+    return "\n".join(lines)
+
+
+def _fact(name: str, value: Fraction, unit: str) -> str:
+    if name == "strictly monotone":
+        return "yes" if value else "no, only monotone"
+    return f"{approximate(value)} {unit}".rstrip()

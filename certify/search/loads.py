@@ -1,0 +1,124 @@
+"""Proofs and refutations of the monotonicity of the static load at a node (THEORY 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from math import comb
+
+from certify.kernel import poly
+from certify.kernel.model import LoadLaw, PowerTerm, power_polynomials
+from certify.kernel.poly import Polynomial, to_polynomial
+from certify.kernel.powers import power_enclosure
+from certify.kernel.rules import jacobian_enclosure, jacobian_polynomials
+from certify.search.proposal import Proposal, to_text
+from certify.search.roots import find_negative_point, round_to_digits, square_root
+
+Pair = tuple[Fraction, Fraction]
+MAX_CELLS = 3000
+BITS = 64  # of the enclosures on cells
+FINE_BITS = 600  # of the values from which a pair of voltages is built
+
+
+def propose_load(law: LoadLaw, band: Pair) -> Iterator[Proposal]:
+    """The exact rules first; then cells; then voltages that refute."""
+    whole = power_polynomials(law) is not None
+    if whole:
+        yield Proposal("proved", "monotone-polynomial")
+    elif len(law.active) == 1 and len(law.reactive) <= 1:
+        yield Proposal("proved", "monotone-exponential")
+    violations = find_violations(law, band)
+    if not whole and not violations:
+        points = find_cells(law, band)
+        if points:
+            yield Proposal("proved", "monotone-enclosure", {"points": to_text(tuple(points)), "bits": str(BITS)})
+    for v in violations:
+        for pair, t in find_pairs(law, band, v):
+            data = {"v": str(v), "pair": to_text(pair), "t": str(t)}
+            yield Proposal("refuted", "voltage-pair", data)
+
+
+def find_cells(law: LoadLaw, band: Pair) -> list[Fraction] | None:
+    """Points of a subdivision on whose cells the enclosures of G and D are positive; None if too many are needed."""
+    points, work = [band[0]], [band]
+    for _ in range(2 * MAX_CELLS):
+        if not work:
+            return points
+        low, high = work.pop()
+        G, D = jacobian_enclosure(law, low, high, BITS)
+        if G[0] > 0 and D[0] > 0:
+            points.append(high)
+            continue
+        middle = round_to_digits((low + high) / 2, 8)
+        if not low < middle < high or len(points) > MAX_CELLS:
+            return None
+        work += [(middle, high), (low, middle)]
+    return None
+
+
+def determinant_value(law: LoadLaw, v: Fraction) -> tuple[float, float]:
+    """G and D at one voltage, as floats: for looking around only."""
+    G, D = jacobian_enclosure(law, v, v, BITS)
+    return float(G[0] + G[1]) / 2, float(D[0] + D[1]) / 2
+
+
+def find_violations(law: LoadLaw, band: Pair) -> list[Fraction]:
+    """Voltages of the band where G or D seems negative, the plainest first; exact for polynomial laws."""
+    grid = [round_to_digits(band[0] + (band[1] - band[0]) * Fraction(k, 64), 4) for k in range(65)]
+    grid = [band[0], *(v for v in grid if band[0] < v < band[1]), band[1]]
+    found = []
+    for v in grid:
+        G, D = determinant_value(law, v)
+        if min(G, D) < 0:
+            found.append((D if D < 0 else G * abs(G), v))
+    if found:
+        best = sorted(found)
+        return [best[0][1], best[len(best) // 2][1]]
+    if power_polynomials(law) is None:
+        return []
+    P, D_poly = jacobian_polynomials(law)
+    for p in (D_poly, P):
+        omega = find_negative_point(on_half_line(p, band))
+        if omega is not None:
+            return [(band[0] + band[1] * omega**2) / (1 + omega**2)]
+    return []
+
+
+def on_half_line(p: Polynomial, band: Pair) -> Polynomial:
+    """(1 + x)^n p((v1 + v2 x) / (1 + x)): the signs of p on the band, carried to x > 0."""
+    n, result = len(p) - 1, to_polynomial([])
+    for k, a in enumerate(p):
+        term = to_polynomial([a])
+        for _ in range(k):
+            term = poly.multiply(term, to_polynomial(list(band)))
+        rest = to_polynomial([comb(n - k, i) for i in range(n - k + 1)])
+        result = poly.add(result, poly.multiply(term, rest))
+    return result
+
+
+def find_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fraction]]:
+    """Pairs of voltages around v, and the tangent of half their angle, whose product may be negative."""
+    yield (v, v), Fraction(1)  # if G(v) < 0, turning the phasor is enough
+    for k in range(1, 60, 2):
+        step = (band[1] - band[0]) / 2**k
+        low, high = max(band[0], v - step), min(band[1], v + step)
+        low, high = (max(band[0], round_to_digits(low, 3 + k // 2)), min(band[1], round_to_digits(high, 3 + k // 2)))
+        if low >= high:
+            continue
+        values = [
+            sum((_value(t, x) for t in terms), Fraction(0)) for x in (low, high) for terms in (law.active, law.reactive)
+        ]
+        conductance = values[0] / low**2 + values[2] / high**2
+        susceptance = values[3] / high**2 - values[1] / low**2  # B_a - B_b, with B = -Q / v^2
+        if conductance <= 0:
+            yield (low, high), Fraction(1)
+            continue
+        y = susceptance / conductance
+        t = y / (1 + square_root(1 + y * y, 60))
+        for digits in (2, 6, 20, 60):
+            yield (low, high), round_to_digits(t, digits)
+
+
+def _value(term: PowerTerm, v: Fraction) -> Fraction:
+    low, high = power_enclosure(v / term.base_volt, term.exponent, FINE_BITS)
+    return term.coefficient * (low + high) / 2

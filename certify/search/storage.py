@@ -1,0 +1,46 @@
+"""Storage functions of state-feedback DGUs in closed form (THEORY 4): X, then the weight of w = I~ - X v~."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from certify.kernel.linalg import Matrix, add, block, multiply, scale, transpose
+from certify.kernel.model import LinearPort
+
+
+def inverse_2x2(a: Matrix) -> Matrix | None:
+    (p, q), (r, s) = a
+    determinant = p * s - q * r
+    if not determinant:
+        return None
+    return ((s / determinant, -q / determinant), (-r / determinant, p / determinant))
+
+
+def find_state_feedback_storage(port: LinearPort) -> Matrix | None:
+    """The only candidate for the storage matrix below the node's capacitor, or None if the formula needs an inverse.
+
+    With integrator and K13 nonsingular, or without integrator: if this candidate fails, no other exists.
+    Shapes: the result is (4, 4) on (I, v), or (2, 2) on I.
+    Source: THEORY section 4, with everything divided by L, which then drops out.
+    """
+    n = len(port.F)
+    if port.capacitance_farad is None or n not in (4, 6):
+        return None
+    G, H = (scale(sign, _part(port.F, 2, column)) for sign, column in ((-1, 0), (1, 2)))
+    if n == 4:
+        return inverse_2x2(G)
+    K13, H_inverse = _part(port.F, 2, 4), inverse_2x2(H)
+    if H_inverse is None:
+        return None
+    X = scale(-1, multiply(H_inverse, K13))
+    weight = inverse_2x2(add(G, scale(-1, X)))
+    if weight is None:
+        return None
+    coupling = scale(-1, multiply(weight, X))
+    corner = add(X, scale(-1, multiply(transpose(X), coupling)))
+    return block([[weight, coupling], [transpose(coupling), corner]])
+
+
+def _part(F: Matrix, row: int, column: int) -> Matrix:
+    rows: tuple[tuple[Fraction, ...], ...] = tuple(F[i][column : column + 2] for i in (row, row + 1))
+    return rows
