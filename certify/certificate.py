@@ -36,10 +36,11 @@ def prove(spec: bytes, progress: Progress | None = None) -> Certificate:
     Raises: SpecError if the spec is not well formed; Rejected if the kernel turns the result down, which is a defect
     of the search and never a wrong verdict.
     """
-    return _prove(spec, decode(spec), progress)
+    return prove_grid(spec, decode(spec), progress)
 
 
-def _prove(spec: bytes, grid: Microgrid, progress: Progress | None) -> Certificate:
+def prove_grid(spec: bytes, grid: Microgrid, progress: Progress | None = None) -> Certificate:
+    """As `prove`, for a spec that has been decoded already. The kernel decodes it again, from the bytes."""
     found = find_claims(grid, progress)
     notes = found.pop("notes")
     document = {

@@ -199,13 +199,13 @@ def run_explain(options: argparse.Namespace) -> int:
 
 
 def _prove(path: str) -> Any:
-    from certify.certificate import prove
+    from certify.certificate import prove_grid
     from certify.inputs import decode_all, read
 
     data = read(path)
-    decode_all(data)
+    grid = decode_all(data)
     with _progress(f"proving {path}") as progress:
-        return prove(data, progress)
+        return prove_grid(data, grid, progress)
 
 
 @contextlib.contextmanager

@@ -263,8 +263,8 @@ _ALL = (
         "storage-contradiction",
         "refutation: the equations for a storage function contradict each other",
         "If any storage function exists, a quadratic one does (the available storage). A chain of identities shows "
-        "that no P >= 0 satisfies P B = C' and -(F'P + PF) >= 0. It catches what frequencies do not see: a mode that the "
-        "port does not excite, but that drives it.",
+        "that no P >= 0 satisfies P B = C' and -(F'P + PF) >= 0. It catches what frequencies do not see: a mode that "
+        "the port does not excite, but that drives it.",
         "look for a controller state that nothing damps through the port",
     ),
     Diagnostic(

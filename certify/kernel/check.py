@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 from certify.kernel import rules
@@ -68,7 +69,7 @@ class Context:
     capacitances: dict[str, Fraction] = field(init=False)
     islands: tuple[tuple[str, ...], ...] = field(init=False)
     lines_from: dict[str, list[str]] = field(init=False)
-    storages: dict[str, tuple[LinearPort, Matrix]] = field(default_factory=dict)
+    storages: dict[str, tuple[Any, LinearPort, Matrix]] = field(default_factory=dict)  # key, port, M
     strict_loads: set[str] = field(default_factory=set)
     status: dict[str, str] = field(default_factory=dict)
     memo: dict[Any, Any] = field(default_factory=dict)
@@ -81,13 +82,17 @@ class Context:
         for line in self.grid.lines:
             self.lines_from[line.start].append(f"line/{line.name}")
 
+    def key(self, name: str) -> Any:
+        """What the port of the DGU at this node depends on."""
+        dgu = self.nodes[name].dgu
+        return dgu and (dgu.filter, dgu.controller, self.capacitances[name])
+
     def port(self, name: str) -> LinearPort:
         dgu = self.nodes[name].dgu
         if dgu is None:
             raise RuleFailure(f"there is no DGU at node {name}")
-        key = (dgu.filter, dgu.controller, self.capacitances[name])
         try:
-            port: LinearPort = self.once(key, lambda: dgu_port(dgu, self.capacitances[name], self.grid.w0))
+            port: LinearPort = self.once(self.key(name), lambda: dgu_port(dgu, self.capacitances[name], self.grid.w0))
         except ZeroDivisionError:
             raise RuleFailure("the line legs make this linear loop algebraic: C B leaves no capacitance") from None
         return port
@@ -325,9 +330,9 @@ def full_storage(port: LinearPort, given: Matrix) -> Matrix:
 def _storage(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
     (part,) = data.fields("storage")
     port = context.port(name)
-    P = full_storage(port, part.matrix())
-    found: rules.Storage = context.once((port, P), lambda: rules.quadratic_storage(port, P))
-    context.storages[name] = (port, found.M)
+    key = (context.key(name), tuple(row.text() for row in part.items()))
+    found: rules.Storage = context.once(key, lambda: rules.quadratic_storage(port, full_storage(port, part.matrix())))
+    context.storages[name] = (key, port, found.M)
     facts = [("smallest pivot of the storage matrix", min(found.storage_pivots), "")]
     damped = [p for p in found.dissipation_pivots if p]
     facts.append((f"dissipation matrix of rank {len(damped)}, smallest pivot", min(damped, default=Fraction(0)), ""))
@@ -395,15 +400,15 @@ def _island(context: Context, island: tuple[str, ...], data: Data) -> tuple[Fact
         rules.require(all(claims[c] == "proved" for c in needed), f"a line or load at node {name} is not proved")
         if node.dgu:
             rules.require(name in context.storages, f"the DGU at node {name} is not proved")
-            port, M = context.storages[name]
-            context.once(("rest", port, M), lambda: rules.rests(port, M))  # noqa: B023
+            key, port, M = context.storages[name]
+            context.once((rules.rests, key), partial(rules.rests, port, M))
     if by == "load":
         rules.require(at in context.strict_loads, "the load at the pin is not strictly monotone")
     elif by == "branch":
         rules.require(bool(context.nodes[at].branches), "there is no series R-L load at the pin")
     else:
         rules.require(by == "dgu" and at in context.storages, "the pin is neither a load, a branch nor a proved DGU")
-        rules.pins(*context.storages[at], with_load=context.nodes[at].band_volt is not None)
+        rules.pins(*context.storages[at][1:], with_load=context.nodes[at].band_volt is not None)
     return ()
 
 

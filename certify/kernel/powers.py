@@ -15,15 +15,6 @@ EXACT_BITS = 1 << 21  # comparisons by integer powers up to this size; beyond it
 PRECISIONS = (64, 160, 400, 1000, 2500)
 
 
-def _outward(low: Fraction, high: Fraction, bits: int) -> Interval:
-    """The smallest interval with denominators 2^bits around [low, high]."""
-    unit = 1 << bits
-    return (
-        Fraction((low.numerator * unit) // low.denominator, unit),
-        Fraction(-((-high.numerator * unit) // high.denominator), unit),
-    )
-
-
 def interval_sum(terms: Iterable[Interval]) -> Interval:
     low = high = Fraction(0)
     for a, b in terms:
@@ -36,22 +27,31 @@ def interval_product(x: Interval, y: Interval) -> Interval:
     return min(products), max(products)
 
 
+def _floor(x: Fraction, bits: int) -> int:
+    return (x.numerator << bits) // x.denominator
+
+
+def _ceiling(x: Fraction, bits: int) -> int:
+    return -((-x.numerator << bits) // x.denominator)
+
+
 def _artanh(y: Fraction, bits: int) -> Interval:
-    """Enclosure of artanh(y), |y| <= 1/3: the remainder after a term is below |term| y^2 / (1 - y^2)."""
-    low = high = Fraction(0)
-    power, k, square = (y, y), 1, y * y
-    while True:
-        low, high = low + power[0] / k, high + power[1] / k
-        low, high = _outward(low, high, bits)
-        if max(abs(power[0]), abs(power[1])) <= Fraction(2, 1 << bits):
-            rest = Fraction(1, 1 << bits)  # y^2 / (1 - y^2) <= 1/8 on our range
-            return low - rest, high + rest
-        power = _outward(*interval_product(power, (square, square)), bits)
+    """Enclosure of artanh(y), |y| <= 1/3, by its series in integers scaled by 2^bits."""
+    if y < 0:
+        low, high = _artanh(-y, bits)
+        return -high, -low
+    low = high = 0
+    power, square = (_floor(y, bits), _ceiling(y, bits)), (_floor(y * y, bits), _ceiling(y * y, bits))
+    k = 1
+    while power[1] > 1:
+        low, high = low + power[0] // k, high - (-power[1] // k)
+        power = (power[0] * square[0] >> bits, -(-power[1] * square[1] >> bits))
         k += 2
+    return Fraction(low, 1 << bits), Fraction(high + 2, 1 << bits)  # the rest is below 1 + 1/9 + 1/81 + ... units
 
 
 def log_enclosure(x: Fraction, bits: int) -> Interval:
-    """Enclosure of ln(x), x > 0, absolute width about 2^-bits times the number of terms."""
+    """Enclosure of ln(x), x > 0: ln x = 2 artanh((m - 1)/(m + 1)) + shift ln 2 with m in [3/4, 3/2]."""
     if x <= 0:
         raise ValueError("logarithm of a number that is not positive")
     shift = x.numerator.bit_length() - x.denominator.bit_length()
@@ -65,21 +65,22 @@ def log_enclosure(x: Fraction, bits: int) -> Interval:
 
 
 def exp_enclosure(t: Fraction, bits: int) -> Interval:
-    """Enclosure of exp(t): t is halved until |t| <= 1/2, Taylor, remainder below the last term, squared back."""
-    halvings = max(0, (abs(t.numerator) // t.denominator).bit_length() + 1)
+    """Enclosure of exp(t): t is halved until it is at most 1/2, then Taylor, then squared back; 1/exp(-t) for t < 0."""
+    if t < 0:
+        low, high = exp_enclosure(-t, bits)
+        return 1 / high, 1 / low
+    halvings = (t.numerator // t.denominator).bit_length() + 1
     work = bits + 2 * halvings + 8
-    r = _outward(t / (1 << halvings), t / (1 << halvings), work)
-    total, term, n = (Fraction(1), Fraction(1)), (Fraction(1), Fraction(1)), 1
-    while max(abs(term[0]), abs(term[1])) > Fraction(2, 1 << work):
-        low, high = interval_product(term, r)
-        term = _outward(low / n, high / n, work)
-        total = interval_sum([total, term])
+    r = (_floor(t / (1 << halvings), work), _ceiling(t / (1 << halvings), work))
+    low, high, term, n = 0, 0, (1 << work, 1 << work), 1
+    while term[1] > 1:
+        low, high = low + term[0], high + term[1]
+        term = ((term[0] * r[0] >> work) // n, -((-term[1] * r[1] >> work) // n))
         n += 1
-    rest = Fraction(2, 1 << work)
-    total = (total[0] - rest, total[1] + rest)
+    high += 2  # the rest is below 1 + 1/2 + 1/4 + ... units
     for _ in range(halvings):
-        total = _outward(*interval_product(total, total), work)
-    return max(total[0], Fraction(0)), total[1]
+        low, high = low * low >> work, -(-high * high >> work)
+    return Fraction(low, 1 << work), Fraction(high, 1 << work)
 
 
 def power_enclosure(x: Fraction, e: Fraction, bits: int) -> Interval:

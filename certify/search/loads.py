@@ -57,9 +57,18 @@ def find_cells(law: LoadLaw, band: Pair) -> list[Fraction] | None:
 
 
 def determinant_value(law: LoadLaw, v: Fraction) -> tuple[float, float]:
-    """G and D at one voltage, as floats: for looking around only."""
-    G, D = jacobian_enclosure(law, v, v, BITS)
-    return float(G[0] + G[1]) / 2, float(D[0] + D[1]) / 2
+    """G and D at one voltage, in floats: for looking around only."""
+
+    def total(terms: tuple[PowerTerm, ...], weight: int) -> float:
+        x = float(v)
+        parts = ((t, float(t.coefficient) / x**2 * (x / float(t.base_volt)) ** float(t.exponent)) for t in terms)
+        return sum(value * (float(t.exponent) - weight if weight else 1.0) for t, value in parts)
+
+    try:
+        G = total(law.active, 0)
+        return G, G * total(law.active, 1) - total(law.reactive, 2) ** 2 / 4
+    except OverflowError:
+        return 0.0, 0.0
 
 
 def find_violations(law: LoadLaw, band: Pair) -> list[Fraction]:
@@ -99,7 +108,7 @@ def on_half_line(p: Polynomial, band: Pair) -> Polynomial:
 def find_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fraction]]:
     """Pairs of voltages around v, and the tangent of half their angle, whose product may be negative."""
     yield (v, v), Fraction(1)  # if G(v) < 0, turning the phasor is enough
-    for k in range(1, 60, 2):
+    for k in (*range(1, 40, 2), *range(40, 400, 12)):
         step = (band[1] - band[0]) / 2**k
         low, high = max(band[0], v - step), min(band[1], v + step)
         low, high = (max(band[0], round_to_digits(low, 3 + k // 2)), min(band[1], round_to_digits(high, 3 + k // 2)))
@@ -111,7 +120,7 @@ def find_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fr
         conductance = values[0] / low**2 + values[2] / high**2
         susceptance = values[3] / high**2 - values[1] / low**2  # B_a - B_b, with B = -Q / v^2
         if conductance <= 0:
-            yield (low, high), Fraction(1)
+            yield from (((low, high), Fraction(sign)) for sign in (1, -1))
             continue
         y = susceptance / conductance
         t = y / (1 + square_root(1 + y * y, 60))

@@ -78,14 +78,9 @@ def _decide(context: Context, subject: tuple[str, Any], known: dict[Any, Proposa
 
 def _content(context: Context, kind: str, what: Any) -> Any:
     """What the answer depends on, for kinds of which there are many; None if there is nothing to share."""
-    try:
-        if kind == "dgu":
-            return context.port(what)
-        if kind == "load":
-            return context.law(what)
-    except RuleFailure:
-        pass
-    return None
+    if kind == "dgu":
+        return context.key(what)
+    return context.law(what) if kind == "load" else None
 
 
 def propose(context: Context, kind: str, what: Any) -> Iterator[Proposal]:
