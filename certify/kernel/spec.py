@@ -449,25 +449,34 @@ class Decoder:
     def evaluate(self, name: str, filter_: Filter | None) -> Any:
         """The controller called `name` with its formulas evaluated for one filter; faults are reported once."""
         if (name, filter_) not in self.gains:
-            compute = partial(self._evaluate, self.controllers[name], filter_)
-            self.gains[name, filter_] = self.attempt(f"controller.{_shown(name)}", compute)
+            path = f"controller.{_shown(name)}"
+            self.gains[name, filter_] = self._evaluate(path, self.controllers[name], filter_)
         return self.gains[name, filter_]
 
-    def _evaluate(self, controller: Any, filter_: Filter | None) -> IdaPbc | StateFeedback | LinearLoop:
+    def _evaluate(self, path: str, controller: Any, filter_: Filter | None) -> Any:
         kind, design, formulas, gains = controller
         scope = {"w0": self.w0}
         if filter_:
             scope |= {"R": filter_.resistance_ohm, "L": filter_.inductance_henry, "C": filter_.capacitance_farad}
         scope |= {"w0" if key == "frequency" else key: value for key, value in design.items() if value is not None}
+        before = len(self.faults)
         for name, formula in formulas.items():
-            scope[name] = formula.evaluate(scope)
-        matrix = {key: tuple(tuple(f.evaluate(scope) for f in row) for row in rows) for key, rows in gains.items()}
+            scope[name] = self.attempt(f"{path}.let.{name}", partial(formula.evaluate, scope))
+            if scope[name] is None:
+                return None
+        matrix = {
+            key: tuple(tuple(self.attempt(f"{path}.{key}", partial(f.evaluate, scope)) for f in row) for row in rows)
+            for key, rows in gains.items()
+        }
+        if len(self.faults) > before:
+            return None
         if kind == "linear":
             return LinearLoop(matrix["F"], matrix["B"], matrix["C"])
         if kind == "state-feedback":
             return StateFeedback(matrix["K11"], matrix["K12"], matrix.get("K13"))
         if not all(matrix["nu"][0]):
-            raise QuantityError("S207", "nu is zero, and the control law divides by it")
+            self.fault("S207", f"{path}.nu", "nu is zero, and the control law divides by it")
+            return None
         own = Filter(scope["R"], scope["L"], scope["C"])
         return IdaPbc(matrix["alpha"][0], matrix["nu"][0], matrix["ki"][0], own, scope["w0"])
 
@@ -482,9 +491,9 @@ class Decoder:
                 "capacitance": (self.unit("F", ">= 0"), Fraction(0)),
             },
         )
-        if len(self.faults) > before:
+        loads = [(load, band) for load, band in table["load"] or () if not isinstance(load, SeriesBranch)]
+        if len(self.faults) > before or None in (band for _, band in loads):
             return None
-        loads = [(load, band) for load, band in table["load"] if not isinstance(load, SeriesBranch)]
         branches = [load for load, _ in table["load"] if isinstance(load, SeriesBranch)]
         span = (max(b[0] for _, b in loads), min(b[1] for _, b in loads)) if loads else None
         if span and span[0] >= span[1]:
