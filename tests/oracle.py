@@ -17,11 +17,10 @@ S_a(x) = sup over d, T of -int_0^T z'd from x is finite for all x; it is then qu
 LMI. S_a does not see unobservable states, hence the quotient; there every solution has P > 0, since ker P is
 invariant under F and lies in ker C.
 - So F has no eigenvalue in Re s > 0. At an eigenvalue jw with right and left eigenbases R, L (L*R = I), M R = 0
-  follows from R*M R = 0, so P R = L Phi0 with Phi0 = R*P R > 0, and P B = C' reads Phi0 (L*B) = (C R)*. Hence
-  K = C R L*B, the residue of Z, is Hermitian >= 0. If L*B lacks rank, some u has (L*B) u = 0; rank K = rank of L*B
-  <= rank of C R, and K u = 0 forces (C R)*u = 0, so rank C R = rank K = rank L*B; C R is injective by
-  observability, so L*B has full row rank: the mode is reached. This is (2), and conversely Phi0 = (CR)* K^+ (CR)
-  solves it. P splits along the two spectral subspaces, so the modes with Re s < 0 are left.
+  follows from R*M R = 0, so P R = L Phi0 with Phi0 = R*P R > 0, and P B = C' reads Phi0 (L*B) = (C R)*. Hence the
+  residue K = C R L*B of Z is (L*B)* Phi0 (L*B), Hermitian and >= 0, and L*B has the rank of C R, which is injective
+  by observability: so L*B has full row rank, and the mode is reached. Conversely Phi0 = (CR)* K^+ (CR) solves it.
+  P splits along the spectral subspaces of Re s = 0 and Re s < 0, which leaves the latter.
 - There -int z'd = -<z0, d> - <d, T d>/2 with z0 = C exp(Ft) x, T the Wiener-Hopf operator with symbol Phi = W~ W, W
   outer. Its supremum is finite iff z0 lies in the range of the adjoint of W. That adjoint maps exp(st) g to
   exp(st) W(-s)'g for Re s < 0, where W(-s)' is injective with rank r = rank Phi, so that by dimension (Jordan chains

@@ -88,15 +88,15 @@ def greatest_common_divisor(p: Polynomial, q: Polynomial) -> Polynomial:
 
 
 def sturm_sequence(p: Polynomial) -> list[Polynomial]:
-    """The Sturm sequence of a nonzero p; each remainder is scaled by a positive factor only."""
+    """The Sturm sequence of the squarefree part of a nonzero p; remainders are scaled by positive factors only."""
     chain = [primitive(p), primitive(derivative(p))]
     while chain[-1]:
         chain.append(scale(-1, primitive(divide(chain[-2], chain[-1])[1])))
-    return chain[:-1]
+    return [divide(q, chain[-2])[0] for q in chain[:-1]]  # by the greatest common divisor of p and p'
 
 
 def count_roots(p: Polynomial, low: Fraction, high: Fraction) -> int:
-    """How many distinct real roots p has in the half-open interval (low, high]; p(low) and p nonzero.
+    """How many distinct real roots p has in the half-open interval (low, high]; p(low) is not zero.
 
     >>> count_roots(to_polynomial([-2, 0, 1]), Fraction(0), Fraction(2))
     1

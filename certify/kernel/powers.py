@@ -38,8 +38,8 @@ def _ceiling(x: Fraction, bits: int) -> int:
 def _artanh(y: Fraction, bits: int) -> Interval:
     """Enclosure of artanh(y), |y| <= 1/3, by its series in integers scaled by 2^bits."""
     if y < 0:
-        low, high = _artanh(-y, bits)
-        return -high, -low
+        mirrored = _artanh(-y, bits)
+        return -mirrored[1], -mirrored[0]
     low = high = 0
     power, square = (_floor(y, bits), _ceiling(y, bits)), (_floor(y * y, bits), _ceiling(y * y, bits))
     k = 1
@@ -67,8 +67,8 @@ def log_enclosure(x: Fraction, bits: int) -> Interval:
 def exp_enclosure(t: Fraction, bits: int) -> Interval:
     """Enclosure of exp(t): t is halved until it is at most 1/2, then Taylor, then squared back; 1/exp(-t) for t < 0."""
     if t < 0:
-        low, high = exp_enclosure(-t, bits)
-        return 1 / high, 1 / low
+        inverse = exp_enclosure(-t, bits)
+        return 1 / inverse[1], 1 / inverse[0]
     halvings = (t.numerator // t.denominator).bit_length() + 1
     work = bits + 2 * halvings + 8
     r = (_floor(t / (1 << halvings), work), _ceiling(t / (1 << halvings), work))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from fractions import Fraction
-from math import comb
 
 from certify.kernel import poly
 from certify.kernel.model import LoadLaw, PowerTerm, power_polynomials
@@ -62,7 +62,7 @@ def determinant_value(law: LoadLaw, v: Fraction) -> tuple[float, float]:
     def total(terms: tuple[PowerTerm, ...], weight: int) -> float:
         x = float(v)
         parts = ((t, float(t.coefficient) / x**2 * (x / float(t.base_volt)) ** float(t.exponent)) for t in terms)
-        return sum(value * (float(t.exponent) - weight if weight else 1.0) for t, value in parts)
+        return math.fsum(value * (float(t.exponent) - weight if weight else 1.0) for t, value in parts)
 
     try:
         G = total(law.active, 0)
@@ -100,7 +100,7 @@ def on_half_line(p: Polynomial, band: Pair) -> Polynomial:
         term = to_polynomial([a])
         for _ in range(k):
             term = poly.multiply(term, to_polynomial(list(band)))
-        rest = to_polynomial([comb(n - k, i) for i in range(n - k + 1)])
+        rest = to_polynomial([math.comb(n - k, i) for i in range(n - k + 1)])
         result = poly.add(result, poly.multiply(term, rest))
     return result
 

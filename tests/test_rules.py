@@ -1,0 +1,208 @@
+"""Each rule of the kernel as a table: what it accepts, and one rejected case for each side condition."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import pytest
+
+from certify.kernel import rules
+from certify.kernel.errors import RuleFailure
+from certify.kernel.linalg import Matrix, identity, to_matrix
+from certify.kernel.model import LinearPort, LoadLaw, PowerTerm
+
+F_ = Fraction
+DAMPED = LinearPort(to_matrix([[-1]]), to_matrix([[1]]), to_matrix([[1]]))
+ACTIVE = LinearPort(to_matrix([[1]]), to_matrix([[1]]), to_matrix([[1]]))
+# V' = I + d, I' = -V - I
+FILTER = LinearPort(to_matrix([[0, 1], [-1, -1]]), to_matrix([[1], [0]]), to_matrix([[1, 0]]))
+# V' = w + d with w' = -w: a mode that the port does not excite drives the lossless capacitor
+DRIVEN = LinearPort(to_matrix([[0, 1], [0, -1]]), to_matrix([[1], [0]]), to_matrix([[1, 0]]))
+
+
+def fails(reason: str, rule: Any, *arguments: Any) -> None:
+    with pytest.raises(RuleFailure, match=reason):
+        rule(*arguments)
+
+
+def test_series_branch() -> None:
+    rules.series_branch(F_(1), F_(1))
+    for resistance, inductance in ((0, 1), (-1, 1)):
+        fails("resistance", rules.series_branch, F_(resistance), F_(inductance))
+    for inductance in (0, -1):
+        fails("inductance", rules.series_branch, F_(1), F_(inductance))
+
+
+def test_quadratic_storage_accepts() -> None:
+    found = rules.quadratic_storage(FILTER, identity(2))
+    assert to_matrix([[0, 0], [0, 2]]) == found.M
+    assert rules.quadratic_storage(DAMPED, identity(1)).dissipation_pivots == (2,)
+
+
+@pytest.mark.parametrize(
+    ("reason", "P"),
+    [
+        ("not a symmetric matrix", [[1, 1], [0, 1]]),
+        ("not a symmetric matrix", [[1]]),
+        ("not a symmetric matrix", [[1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        ("not a symmetric matrix", [[1, 0], [0]]),
+        ("P B = C'", [[2, 0], [0, 1]]),
+        ("P B = C'", [[1, "1/1000000000000000000000000000000"], ["1/1000000000000000000000000000000", 1]]),
+        ("not positive definite", [[1, 0], [0, 0]]),
+        ("not positive definite", [[1, 0], [0, -1]]),
+        ("not positive semidefinite", [[1, 0], [0, "1.000000000000000000000000000001"]]),
+    ],
+)
+def test_quadratic_storage_rejects(reason: str, P: list[list[Any]]) -> None:
+    fails(reason, rules.quadratic_storage, FILTER, to_matrix(P))
+
+
+def test_frequency_witness() -> None:
+    one = ((F_(1), F_(0)),)
+    assert rules.frequency_witness(ACTIVE, (F_(1, 2), F_(0)), one) == -2
+    fails("not negative", rules.frequency_witness, DAMPED, (F_(1), F_(1)), one)
+    fails("not positive", rules.frequency_witness, ACTIVE, (F_(0), F_(0)), one)
+    fails("not positive", rules.frequency_witness, DAMPED, (F_(-3), F_(0)), one)
+    fails("eigenvalue", rules.frequency_witness, ACTIVE, (F_(1), F_(0)), one)
+    fails("entries", rules.frequency_witness, ACTIVE, (F_(1, 2), F_(0)), (*one, *one))
+    fails("not negative", rules.frequency_witness, ACTIVE, (F_(1, 2), F_(0)), ((F_(0), F_(0)),))
+
+
+def test_storage_contradiction() -> None:
+    """DRIVEN: V' B-direction is a face; then M e1 = 0 demands P12 both 1 and 0."""
+    from certify.search.facial import Family
+
+    family = Family(DRIVEN)
+    family.reduce()
+    found = family.contradiction()
+    assert found is not None
+    faces = [(u, Y, list(y)) for u, Y, y in found.faces]
+    rules.storage_contradiction(DRIVEN, faces, found.W, found.Y, list(found.y))
+    u, Y, y = faces[0]
+    zero = to_matrix([[0], [0]])
+    again = [found.W, found.Y, list(found.y)]
+    fails("face is not forced", rules.storage_contradiction, DRIVEN, [((F_(0), F_(1)), Y, y)], *again)
+    fails("multiplier is missing", rules.storage_contradiction, DRIVEN, [(u, Y, [u])], *again)
+    fails("face does not have", rules.storage_contradiction, DRIVEN, [((F_(1),), Y, y)], *again)
+    fails("not of shape", rules.storage_contradiction, DRIVEN, [(u, Y[:1], y)], *again)
+    fails("more faces", rules.storage_contradiction, DRIVEN, [faces[0]] * 3, *again)
+    fails("not negative", rules.storage_contradiction, DRIVEN, faces, found.W, zero, [(F_(0), F_(0))] * len(found.y))
+    fails("W is not", rules.storage_contradiction, DRIVEN, faces, to_matrix([[-1, 0], [0, 0]]), *again[1:])
+    fails("W is not", rules.storage_contradiction, DRIVEN, faces, to_matrix([[0, 1], [0, 0]]), *again[1:])
+    # what is passive cannot be contradicted by the data of something else
+    fails("face is not forced", rules.storage_contradiction, FILTER, faces, *again)
+    # without faces: W on the unstable mode of ACTIVE makes the left side 2, and tr(C Y) < 0 needs Y = -1
+    W, minus = identity(1), to_matrix([[-1]])
+    rules.storage_contradiction(ACTIVE, [], W, minus, [])
+    fails("left side", rules.storage_contradiction, DAMPED, [], W, minus, [])
+    fails("not negative", rules.storage_contradiction, ACTIVE, [], W, to_matrix([[0]]), [])
+
+
+def law(active: dict[Any, Any], reactive: dict[Any, Any] | None = None, base: Any = 1) -> LoadLaw:
+    parts = [tuple(PowerTerm(F_(c), F_(base), F_(e)) for e, c in (part or {}).items()) for part in (active, reactive)]
+    return LoadLaw(parts[0], parts[1])
+
+
+BAND = (F_(1), F_(2))
+
+
+def test_monotone_polynomial() -> None:
+    assert rules.monotone_polynomial(law({2: 1}), BAND) is True
+    assert rules.monotone_polynomial(law({1: 1}), BAND) is False  # constant current: D = 0
+    assert rules.monotone_polynomial(law({}, {2: 5}), BAND) is False  # a pure reactance
+    assert rules.monotone_polynomial(law({}), BAND) is False
+    assert rules.monotone_polynomial(law({2: 1, 0: 1}), BAND) is False  # D = v^4 - 1 vanishes at the lower end
+    assert rules.monotone_polynomial(law({2: 1, 0: "0.999999999999999999999"}), BAND) is True
+    fails("D = ", rules.monotone_polynomial, law({2: 1, 0: "1.000000000000000000001"}), BAND)
+    fails("D = ", rules.monotone_polynomial, law({0: 1}), BAND)
+    fails("D = ", rules.monotone_polynomial, law({1: 1}, {1: "1e-30"}), BAND)
+    fails("G is negative", rules.monotone_polynomial, law({2: -1}), BAND)
+    fails("whole number", rules.monotone_polynomial, law({"1.5": 1}), BAND)
+    fails("whole number", rules.monotone_polynomial, law({13: 1}), BAND)
+    fails("whole number", rules.monotone_polynomial, law({-1: 1}), BAND)
+    both_ends = law({2: "0.0845", 1: "0.0577", 0: "-0.0199"}, {1: "0.357", 0: "-0.0485"})
+    fails("D = ", rules.monotone_polynomial, both_ends, (F_("0.3"), F_("1.5")))
+
+
+def test_monotone_exponential() -> None:
+    assert rules.monotone_exponential(law({"1.5": 1}), BAND) is True
+    assert rules.monotone_exponential(law({"1": 1}), BAND) is False
+    assert rules.monotone_exponential(law({"1": 1}, {2: 9}), BAND) is False
+    assert rules.monotone_exponential(law({"1.5": 1}, {"1.5": 1}), BAND) is True
+    assert rules.monotone_exponential(law({2: 1}, {0: 1}), BAND) is False  # equality at v = 1
+    fails("np = 1", rules.monotone_exponential, law({"1": 1}, {1: 1}), BAND)
+    fails("P0 > 0", rules.monotone_exponential, law({"0.99": 1}), BAND)
+    fails("P0 > 0", rules.monotone_exponential, law({"1.5": -1}), BAND)
+    fails("single", rules.monotone_exponential, law({"1.5": 1, 2: 1}), BAND)
+    fails("single", rules.monotone_exponential, law({}, {2: 1}), BAND)
+    fails("end of the band", rules.monotone_exponential, law({2: 1}, {0: 1}), (F_("0.999"), F_(2)))
+    fails("end of the band", rules.monotone_exponential, law({"1.5": 1}, {"4.5": 1}), BAND)  # the upper end fails
+    mixed = LoadLaw((PowerTerm(F_(1), F_(3), F_("1.5")),), (PowerTerm(F_(1), F_(2), F_("1.4")),))
+    fails("nominal voltages", rules.monotone_exponential, mixed, BAND)
+    rebased = LoadLaw((PowerTerm(F_(1), F_(1), F_(2)),), (PowerTerm(F_(1), F_(2), F_("1.5")),))
+    assert rules.monotone_exponential(rebased, BAND) is True
+
+
+def test_monotone_enclosure() -> None:
+    good, ends = law({"1.5": 1, 0: "0.1"}), [F_(1), F_(3, 2), F_(2)]
+    assert rules.monotone_enclosure(good, BAND, ends, 64) is True
+    fails("may not be positive", rules.monotone_enclosure, law({"1.5": 1, 0: 3}), BAND, ends, 64)
+    fails("span", rules.monotone_enclosure, good, BAND, ends[1:], 64)
+    fails("span", rules.monotone_enclosure, good, BAND, ends[:-1], 64)
+    fails("span", rules.monotone_enclosure, good, BAND, [], 64)
+    fails("increase", rules.monotone_enclosure, good, BAND, [F_(1), F_(1), F_(2)], 64)
+    fails("increase", rules.monotone_enclosure, good, BAND, [F_(1), F_(9), F_(2)], 64)
+    fails("absurd", rules.monotone_enclosure, good, BAND, ends, 10**9)
+    fails("absurd", rules.monotone_enclosure, good, BAND, ends, 1)
+
+
+def test_voltage_pair() -> None:
+    constant_power = law({0: 1})
+    rules.voltage_pair(constant_power, BAND, F_(1), (F_(1), F_(2)), F_(0))
+    fails("outside", rules.voltage_pair, constant_power, BAND, F_(3), (F_(1), F_(2)), F_(0))
+    fails("outside", rules.voltage_pair, constant_power, BAND, F_(1), (F_(1), F_(3)), F_(0))
+    fails("neither", rules.voltage_pair, law({2: 1}), BAND, F_(1), (F_(1), F_(2)), F_(0))
+    fails("product", rules.voltage_pair, constant_power, BAND, F_(1), (F_(1), F_(1)), F_(0))
+    fails("product", rules.voltage_pair, constant_power, BAND, F_(1), (F_(1), F_(2)), F_(1))
+
+
+def test_skew_incidence() -> None:
+    rules.skew_incidence({("a", "l"): -1}, {("a", "l"): 1})
+    fails("skew", rules.skew_incidence, {("a", "l"): -1}, {("a", "l"): -1})
+    fails("skew", rules.skew_incidence, {("a", "l"): -1}, {})
+
+
+def matrix(*rows: list[Any]) -> Matrix:
+    return to_matrix(rows)
+
+
+def test_rest_and_pin() -> None:
+    """V' = I + d, I' = -V - I: at rest for good. Without damping the voltage may swing for ever."""
+    damped, none = to_matrix([[0, 0], [0, 2]]), to_matrix([[0, 0], [0, 0]])
+    rules.rests(FILTER, damped)
+    rules.pins(FILTER, damped, with_load=False)
+    lossless = LinearPort(to_matrix([[0, 1], [-1, 0]]), FILTER.B, FILTER.C)
+    rules.rests(lossless, none)  # once V = 0 is known, the current rests too
+    fails("z other than 0", rules.pins, lossless, none, False)
+    # V' = d + w (w from a load without dissipation), nothing else: V may move as w likes
+    capacitor = LinearPort(to_matrix([[0]]), to_matrix([[1]]), to_matrix([[1]]))
+    rules.rests(capacitor, to_matrix([[0]]))
+    fails("z other than 0", rules.pins, capacitor, to_matrix([[0]]), True)
+    # an integrator that acts on nothing stays where it is
+    idle = LinearPort(to_matrix([[-1, 0], [0, 0]]), to_matrix([[1], [0]]), to_matrix([[1, 0]]))
+    fails("motion", rules.rests, idle, to_matrix([[2, 0], [0, 0]]))
+
+
+def test_pin_needs_more_with_a_load() -> None:
+    """I' = V (undamped), V' = d + w, and the current is observed by dissipation only through its derivative."""
+    # x = (V, I): I' = -I + V, M sees I only. Without load: I = 0 forces V = 0. With a load the same, as V enters I'.
+    port = LinearPort(to_matrix([[0, 0], [1, -1]]), to_matrix([[1], [0]]), to_matrix([[1, 0]]))
+    sees_current = to_matrix([[0, 0], [0, 1]])
+    rules.pins(port, sees_current, with_load=False)
+    rules.pins(port, sees_current, with_load=True)
+    # x = (V, I), V' = I + d, M sees nothing but a combination that a load current can cancel
+    chain = LinearPort(to_matrix([[0, 1], [0, 0]]), to_matrix([[1], [0]]), to_matrix([[1, 0]]))
+    sees_voltage_rate = to_matrix([[0, 0], [0, 1]])  # I = V' when there is no load
+    fails("z other than 0", rules.pins, chain, sees_voltage_rate, True)
+    fails("z other than 0", rules.pins, chain, sees_voltage_rate, False)
