@@ -17,7 +17,7 @@ from certify.kernel.model import J, LinearPort, block, zeros
 PASSIVE, SEMIDEFINITE, NOT_PASSIVE = "passive", "semidefinite", "not passive"
 I2 = identity(2)
 SPEEDS = (Fraction("314.1592653589793238462643383279502884197"), Fraction("376.99"), Fraction(314), Fraction(0))
-Gains = tuple[Matrix, Matrix, Matrix]
+Gains = tuple[Matrix, Matrix, Matrix | None]
 
 
 @dataclass(frozen=True)
@@ -103,6 +103,8 @@ def _single(rng: random.Random, kind: str) -> Design:
     gains = [1 - b - plant.L * x, h + plant.R, -h * x]
     if kind == "integrator unused":
         gains[2] = Fraction(0)
+    if kind.startswith("current source"):
+        gains = [Fraction(1), plant.R + (Fraction(0) if kind.endswith("no damping") else h), Fraction(0)]
     if kind.startswith("error"):
         k = rng.randrange(3)
         if kind.endswith("k13"):
@@ -124,6 +126,8 @@ SINGLE_KINDS = {
     "error, zero damping": 3,
     "error, zero damping, k13": 1,
     "error, rho = L x": 5,
+    "current source": 1,
+    "current source, no damping": 1,
 }
 
 
@@ -131,20 +135,21 @@ SINGLE_KINDS = {
 
 
 def two_axes(kind: str, plant: Filter, gains: Gains, expected: str | None = None, fixed_rows: bool = True) -> Design:
-    """The six-state port of a state-feedback inverter; without `fixed_rows` the capacitor is not pointed out."""
+    """The port of a state-feedback inverter: six states, or four if K13 is None.
+
+    Without `fixed_rows` the search is not told of the capacitor.
+    """
     K11, K12, K13 = gains
     R, L, C, w0 = plant.R, plant.L, plant.C, plant.w0
     Z = zeros(2, 2)
     G = add(I2, scale(-1, K11))
     H = add(K12, add(scale(-R, I2), scale(-w0 * L, J)))
-    F = block(
-        [
-            [scale(-w0, J), scale(1 / C, I2), Z],
-            [scale(-1 / L, G), scale(1 / L, H), scale(1 / L, K13)],
-            [scale(-1, I2), Z, Z],
-        ]
-    )
-    port = LinearPort(F, block([[scale(1 / C, I2)], [Z], [Z]]), block([[I2, Z, Z]]), C if fixed_rows else None)
+    rows = [[scale(-w0, J), scale(1 / C, I2)], [scale(-1 / L, G), scale(1 / L, H)]]
+    inputs, outputs = [[scale(1 / C, I2)], [Z]], [I2, Z]
+    if K13 is not None:
+        rows = [[*rows[0], Z], [*rows[1], scale(1 / L, K13)], [scale(-1, I2), Z, Z]]
+        inputs, outputs = [*inputs, [Z]], [*outputs, Z]
+    port = LinearPort(block(rows), block(inputs), block([outputs]), C if fixed_rows else None)
     numbers = {"R": R, "L": L, "C": C, "w0": w0, "K11": K11, "K12": K12, "K13": K13}
     known = expected_two_axes(plant, gains)
     if expected and known and expected != known:
@@ -153,22 +158,29 @@ def two_axes(kind: str, plant: Filter, gains: Gains, expected: str | None = None
 
 
 def expected_two_axes(plant: Filter, gains: Gains) -> str | None:
-    """The closed form for a nonsingular K13: G = G', X = X' > 0, G - L X > 0, H (G - L X) + (..)' <= 0; else None."""
+    """The closed form: with K13 nonsingular G = G', X = X' > 0, Bm = G - L X > 0, H Bm + Bm H' <= 0.
+
+    Without integrator the same holds with X = 0. With a singular K13 the result is None.
+    """
     K11, K12, K13 = gains
     G = add(I2, scale(-1, K11))
     H = add(K12, add(scale(-plant.R, I2), scale(-plant.w0 * plant.L, J)))
-    if not determinant(K13):
+    if K13 is None:
+        X, stiff = zeros(2, 2), True
+    elif not determinant(K13):
         return None
-    if not determinant(H):
+    elif not determinant(H):
         return NOT_PASSIVE
-    X = scale(-1, solve(H, K13))
+    else:
+        X = scale(-1, solve(H, K13))
+        stiff = is_positive_definite(X) if transpose(X) == X else False
     Bm = add(G, scale(-plant.L, X))
-    if transpose(G) != G or transpose(X) != X:
+    if transpose(G) != G or not stiff:
         return NOT_PASSIVE
     product = multiply(H, Bm)
     (a, b), (_, d) = scale(-1, add(product, transpose(product)))
     damped = a >= 0 and d >= 0 and a * d >= b * b
-    return PASSIVE if damped and is_positive_definite(X) and is_positive_definite(Bm) else NOT_PASSIVE
+    return PASSIVE if damped and is_positive_definite(Bm) else NOT_PASSIVE
 
 
 def determinant(a: Matrix) -> Fraction:
@@ -217,9 +229,12 @@ def random_triple(rng: random.Random, kind: str) -> tuple[Matrix, Matrix, Matrix
         return scale(x, I2), scale(b, I2), H
     X, Bm = symmetric(rng, 1, 1e4), symmetric(rng, 1e-2, 10)
     if kind.startswith("one lossless direction"):
-        return X, Bm, damping(rng, Bm, symmetric(rng, 1e-2, 20, singular=True), skew=rng.random() < 0.8)
+        return X, Bm, damping(rng, Bm, symmetric(rng, 1e-2, 20, singular=True), skew="no skew" not in kind)
     if kind.startswith("lossless"):
-        return X, Bm, damping(rng, Bm, zeros(2, 2), skew=rng.random() < 0.9)
+        return X, Bm, damping(rng, Bm, zeros(2, 2), skew=True)
+    if kind.startswith("no damping"):
+        scalar = rng.random() < 0.5
+        return X, scale(Bm[0][0], I2) if scalar else Bm, zeros(2, 2)
     if kind.startswith("singular Bm"):
         choice = rng.randrange(3)
         if choice == 0:
@@ -246,16 +261,33 @@ def _two_axes(rng: random.Random, kind: str) -> Design:
         return two_axes(kind, plant, gains_of(believed, X, Bm, H), fixed_rows=fixed)
     error = kind.startswith("error, ")
     X, Bm, H = random_triple(rng, kind.removeprefix("error, "))
+    passive = not kind.startswith("singular Bm")  # by the storage of the triple, whatever its damping
+    if kind.startswith("integrator on one axis"):
+        X, passive = diagonal(decimal(rng, 1, 1e4), Fraction(0)), False
+    if kind.startswith("current source on one axis"):
+        Bm, passive = diagonal(decimal(rng, 1e-2, 10), Fraction(0)), False
+        X, H = zeros(2, 2), diagonal(-decimal(rng, 1e-2, 20), Fraction(0))
     gains = gains_of(plant, X, Bm, H)
-    expected = None
+    if "no integrator" in kind:
+        K11, K12, _ = gains_of(plant, zeros(2, 2), Bm, H)
+        gains = K11, K12, None
     if error:
-        i, j, k = (rng.randrange(size) for size in (3, 2, 2))
-        rows = [[list(row) for row in K] for K in gains]
-        rows[i][j][k] += tiny(rng, rows[i][j][k])
-        gains = tuple(tuple(tuple(row) for row in K) for K in rows)  # type: ignore[assignment]
-    elif not kind.startswith("singular Bm"):
-        expected = PASSIVE  # the storage of the triple, whatever its damping
-    return two_axes(kind, plant, gains, expected, fixed)
+        choice = rng.randrange(2 if gains[2] is None else 3), rng.randrange(2), rng.randrange(2)
+        gains = with_error(rng, gains, *choice)
+    return two_axes(kind, plant, gains, PASSIVE if passive and not error else None, fixed)
+
+
+def with_error(rng: random.Random, gains: Gains, which: int, row: int, column: int) -> Gains:
+    """The gains with a tiny error in one entry."""
+    changed = [None if K is None else [list(r) for r in K] for K in gains]
+    entry = changed[which]
+    if entry is None:
+        raise ValueError("there is no such gain")
+    entry[row][column] += tiny(rng, entry[row][column])
+    K11, K12, K13 = (None if K is None else tuple(tuple(r) for r in K) for K in changed)
+    if K11 is None or K12 is None:
+        raise ValueError("K11 and K12 are always there")
+    return K11, K12, K13
 
 
 DQ_KINDS = {
@@ -279,6 +311,21 @@ DQ_KINDS = {
     "singular Bm, general path": 1,
     "wrong L, general path": 2,
     "error, coupled, general path": 2,
+    "no integrator": 2,
+    "error, no integrator": 2,
+    "no integrator, general path": 1,
+    "integrator on one axis": 1,
+    "one lossless direction, no skew": 2,
+    "no damping": 2,
+    "current source on one axis": 1,
+}
+
+# Degenerate loops (singular K13): a search by a numerical solver, or by rank-one faces alone, may leave some open.
+HARD_KINDS = {
+    "current source, no damping",
+    "one lossless direction, no skew",
+    "no damping",
+    "current source on one axis",
 }
 
 

@@ -32,6 +32,7 @@ def propose_load(law: LoadLaw, band: Pair) -> Iterator[Proposal]:
         points = find_cells(law, band)
         if points:
             yield Proposal("proved", "monotone-enclosure", {"points": to_text(tuple(points)), "bits": str(BITS)})
+        violations = list(band)  # what is too small for floats to see is at an end, if anywhere within reach
     for v in violations:
         for pair, t in find_pairs(law, band, v):
             data = {"v": str(v), "pair": to_text(pair), "t": str(t)}
@@ -106,28 +107,38 @@ def on_half_line(p: Polynomial, band: Pair) -> Polynomial:
 
 
 def find_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fraction]]:
-    """Pairs of voltages around v, and the tangent of half their angle, whose product may be negative."""
-    yield (v, v), Fraction(1)  # if G(v) < 0, turning the phasor is enough
+    """Pairs of voltages around v, and the tangent of half their angle, whose product is negative as far as one sees."""
+    G, D = jacobian_enclosure(law, v, v, FINE_BITS)
+    if G[0] > 0 and D[0] > 0:
+        return
+    if G[0] < 0:
+        yield (v, v), Fraction(1)  # turning the phasor is enough
     for k in (*range(1, 40, 2), *range(40, 400, 12)):
         step = (band[1] - band[0]) / 2**k
-        low, high = max(band[0], v - step), min(band[1], v + step)
-        low, high = (max(band[0], round_to_digits(low, 3 + k // 2)), min(band[1], round_to_digits(high, 3 + k // 2)))
-        if low >= high:
+        ends = (round_to_digits(x, 3 + k // 2) for x in (v - step, v + step))
+        a, b = (min(max(x, band[0]), band[1]) for x in ends)
+        if a >= b:
             continue
-        values = [
-            sum((_value(t, x) for t in terms), Fraction(0)) for x in (low, high) for terms in (law.active, law.reactive)
-        ]
-        conductance = values[0] / low**2 + values[2] / high**2
-        susceptance = values[3] / high**2 - values[1] / low**2  # B_a - B_b, with B = -Q / v^2
-        if conductance <= 0:
-            yield from (((low, high), Fraction(sign)) for sign in (1, -1))
-            continue
-        y = susceptance / conductance
-        t = y / (1 + square_root(1 + y * y, 60))
-        for digits in (2, 6, 20, 60):
-            yield (low, high), round_to_digits(t, digits)
+        P_a, Q_a, P_b, Q_b = (_value(terms, x) for x in (a, b) for terms in (law.active, law.reactive))
+        conductance = P_a / a**2 + P_b / b**2
+        susceptance = Q_b / b**2 - Q_a / a**2  # B_a - B_b, with B = -Q / v^2
+        if conductance > 0:
+            y = round_to_digits(susceptance / conductance, 150)
+            t = y / (1 + square_root(1 + y * y, 60))
+            tangents = [round_to_digits(t, digits) for digits in (2, 6, 20, 60)]
+        else:
+            tangents = [Fraction(1), Fraction(-1)]
+        for t in tangents:
+            cosine, sine = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+            if P_a + P_b < a * b * (conductance * cosine + susceptance * sine):
+                yield (a, b), t
+                break
 
 
-def _value(term: PowerTerm, v: Fraction) -> Fraction:
-    low, high = power_enclosure(v / term.base_volt, term.exponent, FINE_BITS)
-    return term.coefficient * (low + high) / 2
+def _value(terms: tuple[PowerTerm, ...], v: Fraction) -> Fraction:
+    """A power at one voltage, to within FINE_BITS."""
+    total = Fraction(0)
+    for term in terms:
+        low, high = power_enclosure(v / term.base_volt, term.exponent, FINE_BITS)
+        total += term.coefficient * (low + high) / 2
+    return total

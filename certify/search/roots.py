@@ -10,14 +10,14 @@ from certify.kernel.poly import Polynomial, evaluate, odd_part, sturm_sequence
 
 
 def round_to_digits(x: Fraction, digits: int) -> Fraction:
-    """x to so many significant decimal digits.
+    """x to so many significant decimal digits, or one more.
 
     >>> round_to_digits(Fraction(2, 3), 2)
     Fraction(67, 100)
     """
     if not x:
         return x
-    magnitude = len(str(abs(x.numerator))) - len(str(x.denominator))
+    magnitude = (x.numerator.bit_length() - x.denominator.bit_length()) * 30103 // 100000
     unit = Fraction(10) ** (magnitude - digits)
     return round(x / unit) * unit
 
