@@ -70,7 +70,6 @@ _ALL = (
         "A table, list or text stands where the format has another.",
         "compare with the specs in the folder specs/",
     ),
-    Diagnostic("S104", "given twice", "Two values for one key have no meaning.", "remove one of them"),
     Diagnostic(
         "S105",
         "not a usable name",

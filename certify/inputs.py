@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from certify.kernel.errors import Fault, SpecError
-from certify.kernel.spec import MAX_BYTES, Decoder, Microgrid, read_document
+from certify.kernel.reader import MAX_BYTES, read_document
+from certify.kernel.spec import Decoder, Microgrid
 
 
 def read(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:

@@ -17,15 +17,13 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from certify.kernel import rules
-from certify.kernel.check import Data, full_storage
-from certify.kernel.errors import RuleFailure
 from certify.kernel.model import LinearPort
 from certify.search.dgu import propose_dgu
 from certify.search.proposal import Proposal
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # so that it runs as a script too
 
+from tests.accept import accepts
 from tests.designs import NOT_PASSIVE, PASSIVE, SEMIDEFINITE, Design, dq_designs, single_designs
 from tests.oracle import decide
 
@@ -49,29 +47,7 @@ class Result:
 
 def is_accepted(port: LinearPort, proposal: Proposal) -> bool:
     """Whether the kernel's rule accepts a proposal, read as the checker reads it."""
-    data = Data(proposal.data)
-    try:
-        if (proposal.status, proposal.rule) == ("proved", "quadratic-storage"):
-            (part,) = data.fields("storage")
-            rules.quadratic_storage(port, full_storage(port, part.matrix()))
-        elif (proposal.status, proposal.rule) == ("refuted", "frequency-witness"):
-            s0, u = data.fields("s0", "u")
-            point = s0.vector()
-            parts = [entry.vector() for entry in u.items()]
-            rules.require(all(len(x) == 2 for x in (point, *parts)), "a complex number has two parts")
-            rules.frequency_witness(port, (point[0], point[1]), [(x[0], x[1]) for x in parts])
-        elif (proposal.status, proposal.rule) == ("refuted", "storage-contradiction"):
-            faces, W, Y, y = data.fields("faces", "W", "Y", "y")
-            chain = []
-            for face in faces.items():
-                u, face_Y, face_y = face.fields("u", "Y", "y")
-                chain.append((u.vector(), face_Y.matrix(), [v.vector() for v in face_y.items()]))
-            rules.storage_contradiction(port, chain, W.matrix(), Y.matrix(), [v.vector() for v in y.items()])
-        else:
-            return False
-    except RuleFailure:
-        return False
-    return True
+    return accepts(port, proposal) is not None
 
 
 def compare(design: Design) -> Result:

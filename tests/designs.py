@@ -11,8 +11,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 
-from certify.kernel.linalg import Matrix, add, identity, is_positive_definite, multiply, scale, solve, transpose
-from certify.kernel.model import J, LinearPort, block, zeros
+from certify.kernel.linalg import (
+    Matrix,
+    add,
+    block,
+    identity,
+    is_positive_definite,
+    multiply,
+    scale,
+    solve,
+    transpose,
+    zeros,
+)
+from certify.kernel.model import J, LinearPort
 
 PASSIVE, SEMIDEFINITE, NOT_PASSIVE = "passive", "semidefinite", "not passive"
 I2 = identity(2)
@@ -55,7 +66,7 @@ def random_filter(rng: random.Random) -> Filter:
 
 def tiny(rng: random.Random, size: Fraction) -> Fraction:
     """An error of 10^-3 to 10^-30 relative to a gain, or absolute if the gain is zero, of either sign."""
-    return rng.choice((-1, 1)) * (abs(size) or Fraction(1)) / 10 ** rng.randint(3, 30)
+    return rng.choice((-1, 1)) * (abs(size) or Fraction(1)) * Fraction(1, 10 ** rng.randint(3, 30))
 
 
 # --- single axis --------------------------------------------------------------------------------------------
@@ -69,7 +80,7 @@ def single_axis(kind: str, plant: Filter, k11: Fraction, k12: Fraction, k13: Fra
         (Fraction(-1), Fraction(0), Fraction(0)),
     )
     port = LinearPort(F, ((1 / C,), (Fraction(0),), (Fraction(0),)), ((Fraction(1), Fraction(0), Fraction(0)),))
-    numbers = {"R": R, "L": L, "C": C, "k11": k11, "k12": k12, "k13": k13}
+    numbers: dict[str, object] = {"R": R, "L": L, "C": C, "k11": k11, "k12": k12, "k13": k13}
     return Design(kind, port, numbers, expected_single(plant, k11, k12, k13))
 
 
@@ -150,7 +161,7 @@ def two_axes(kind: str, plant: Filter, gains: Gains, expected: str | None = None
         rows = [[*rows[0], Z], [*rows[1], scale(1 / L, K13)], [scale(-1, I2), Z, Z]]
         inputs, outputs = [*inputs, [Z]], [*outputs, Z]
     port = LinearPort(block(rows), block(inputs), block([outputs]), C if fixed_rows else None)
-    numbers = {"R": R, "L": L, "C": C, "w0": w0, "K11": K11, "K12": K12, "K13": K13}
+    numbers: dict[str, object] = {"R": R, "L": L, "C": C, "w0": w0, "K11": K11, "K12": K12, "K13": K13}
     known = expected_two_axes(plant, gains)
     if expected and known and expected != known:
         raise AssertionError(f"{kind}: the construction says {expected}, the closed form {known}")
@@ -240,8 +251,8 @@ def random_triple(rng: random.Random, kind: str) -> tuple[Matrix, Matrix, Matrix
         if choice == 0:
             return X, zeros(2, 2), scale(-decimal(rng, 1e-2, 20), I2)
         if choice == 1:
-            b = diagonal(decimal(rng, 1e-2, 10), Fraction(0))
-            return scale(X[0][0], I2), b, diagonal(-decimal(rng, 1e-2, 20), -decimal(rng, 1e-2, 20))
+            half = diagonal(decimal(rng, 1e-2, 10), Fraction(0))
+            return scale(X[0][0], I2), half, diagonal(-decimal(rng, 1e-2, 20), -decimal(rng, 1e-2, 20))
         return X, symmetric(rng, 1e-2, 10, singular=True), scale(-decimal(rng, 1e-2, 20), I2)
     return X, Bm, damping(rng, Bm, symmetric(rng, 1e-2, 20), skew=True)
 
@@ -315,7 +326,7 @@ DQ_KINDS = {
     "error, no integrator": 2,
     "no integrator, general path": 1,
     "integrator on one axis": 1,
-    "one lossless direction, no skew": 2,
+    "one lossless direction, no skew": 4,
     "no damping": 2,
     "current source on one axis": 1,
 }

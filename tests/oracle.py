@@ -111,7 +111,7 @@ def _definite(F: fmpq_mat, B: fmpq_mat, C: fmpq_mat, Fo: fmpq_mat) -> bool | Non
     if F * invisible != fmpq_mat(F.nrows(), hidden) or (left.transpose() * R).rank() < R.ncols():
         return False  # 0 is not semisimple
     residue = C * R * (left.transpose() * R).inv() * left.transpose() * B
-    return (C * R).rank() == (left.transpose() * B).rank() == residue.rank()
+    return bool((C * R).rank() == (left.transpose() * B).rank() == residue.rank())
 
 
 # --- linear algebra -----------------------------------------------------------------------------------------

@@ -78,7 +78,7 @@ EDITS = {
     "missing filter value": ('L = "1.8 mH"\n', "", "S102", "filter.lc.L"),
     "missing reference": (', reference = ["0.9 pu", "0.5 pu"]', "", "S102", "node.a.dgu.reference"),
     "missing filter of a DGU": ('filter = "lc", ', "", "S102", "node.a.dgu.filter"),
-    "missing band": ('voltage_band = ["0.6 pu", "1.2 pu"]\n', "", "S102", "voltage_band"),
+    "missing band": ('voltage_band = ["0.6 pu", "1.2 pu"]\n', "", "S102", "node.b.load[0].band"),
     "missing base for V0": (
         'base_voltage = "20 kV"\nvoltage_band = ["0.6 pu", "1.2 pu"]',
         "voltage_band = [1, 2]",
@@ -202,7 +202,7 @@ CONTENTS = {
     "blank": (b" \n\n", "S002"),
     "not UTF-8": (b'format = "\xff\xfe"', "S001"),
     "binary": (bytes(range(256)), "S001"),
-    "JSON with a duplicate": (b'{"format": "certify/microgrid@1", "format": "x", "frequency": 50, "node": {}}', "S104"),
+    "JSON with a duplicate": (b'{"format": "certify/microgrid@1", "format": "x", "frequency": 50, "node": {}}', "S002"),
     "JSON with NaN": (b'{"format": "certify/microgrid@1", "frequency": NaN, "node": {"a": {}}}', "S201"),
     "JSON cut off": (b'{"format": ', "S002"),
     "JSON nested deeply": (b'{"a":' * 100_000, "S003"),
@@ -256,7 +256,7 @@ def test_unreadable_file_even_for_root(
 
 def test_endless_file(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("certify.inputs.MAX_BYTES", 1 << 20)
-    monkeypatch.setattr("certify.kernel.spec.MAX_BYTES", 1 << 20)
+    monkeypatch.setattr("certify.kernel.reader.MAX_BYTES", 1 << 20)
     from certify import inputs
 
     data = inputs.read("/dev/zero", 1 << 20)

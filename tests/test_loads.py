@@ -5,46 +5,28 @@ from __future__ import annotations
 import cmath
 import math
 from fractions import Fraction
-from typing import Any
 
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from certify.kernel.check import Context, Data
-from certify.kernel.errors import RuleFailure
+from certify.kernel.check import Context
 from certify.kernel.model import LoadLaw, PowerTerm, load_law
 from certify.kernel.spec import ExpLoad, Node, ZipLoad, decode
 from certify.search.loads import propose_load
 from certify.search.proposal import Proposal
 from certify.search.roots import square_root
+from tests.accept import accepts
 
 Pair = tuple[Fraction, Fraction]
 
 
-class FakeContext:
-    """Just enough of a kernel context to run the handlers of load rules on one law."""
-
-    def __init__(self, law: LoadLaw, band: Pair) -> None:
-        self.pair, self.strict_loads = (law, band), set[str]()
-
-    def law(self, _: str) -> tuple[LoadLaw, Pair]:
-        return self.pair
-
-    def once(self, _: Any, compute: Any) -> Any:
-        return compute()
-
-
 def decide(law: LoadLaw, band: Pair) -> tuple[str, Proposal | None, bool]:
-    from certify.kernel.check import RULES
-
+    """Status, accepted proposal, and whether the load is strictly monotone."""
     for proposal in propose_load(law, band):
-        context: Any = FakeContext(law, band)
-        try:
-            RULES["load", proposal.status, proposal.rule](context, "x", Data(proposal.data))
-        except RuleFailure:
-            continue
-        return proposal.status, proposal, bool(context.strict_loads)
+        context = accepts((law, band), proposal)
+        if context:
+            return proposal.status, proposal, bool(context.strict_loads)
     return "unknown", None, False
 
 

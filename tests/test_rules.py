@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from fractions import Fraction
 from typing import Any
 
@@ -77,17 +78,25 @@ def test_storage_contradiction() -> None:
     family.reduce()
     found = family.contradiction()
     assert found is not None
-    faces = [(u, Y, list(y)) for u, Y, y in found.faces]
-    rules.storage_contradiction(DRIVEN, faces, found.W, found.Y, list(found.y))
-    u, Y, y = faces[0]
-    zero = to_matrix([[0], [0]])
-    again = [found.W, found.Y, list(found.y)]
-    fails("face is not forced", rules.storage_contradiction, DRIVEN, [((F_(0), F_(1)), Y, y)], *again)
-    fails("multiplier is missing", rules.storage_contradiction, DRIVEN, [(u, Y, [u])], *again)
-    fails("face does not have", rules.storage_contradiction, DRIVEN, [((F_(1),), Y, y)], *again)
-    fails("not of shape", rules.storage_contradiction, DRIVEN, [(u, Y[:1], y)], *again)
-    fails("more faces", rules.storage_contradiction, DRIVEN, [faces[0]] * 3, *again)
-    fails("not negative", rules.storage_contradiction, DRIVEN, faces, found.W, zero, [(F_(0), F_(0))] * len(found.y))
+    faces, again = list(found.faces), (found.W, found.Y, list(found.y))
+    rules.storage_contradiction(DRIVEN, faces, *again)
+    first, zero = faces[0], to_matrix([[0], [0]])
+
+    def with_face(**changes: Any) -> list[rules.Face]:
+        return [dataclasses.replace(first, **changes)]
+
+    for reason, changed in (
+        ("face is not forced", with_face(u=(F_(0), F_(1)))),
+        ("face is not forced", with_face(of_storage=True)),
+        ("multiplier is missing", with_face(y=(first.u,))),
+        ("face does not have", with_face(u=(F_(1),))),
+        ("not of shape", with_face(Y=first.Y[:1])),
+        ("more faces", [first] * 5),
+        ("multiplier is missing", []),
+    ):
+        fails(reason, rules.storage_contradiction, DRIVEN, changed, *again)
+    fails("multiplier does not have", rules.storage_contradiction, DRIVEN, faces, *again[:2], [(F_(1),)])
+    fails("not negative", rules.storage_contradiction, DRIVEN, faces, found.W, zero, [(F_(0), F_(0))])
     fails("W is not", rules.storage_contradiction, DRIVEN, faces, to_matrix([[-1, 0], [0, 0]]), *again[1:])
     fails("W is not", rules.storage_contradiction, DRIVEN, faces, to_matrix([[0, 1], [0, 0]]), *again[1:])
     # what is passive cannot be contradicted by the data of something else

@@ -10,7 +10,6 @@ import pytest
 
 from certify.inputs import load
 from certify.kernel.check import Context
-from certify.kernel.errors import RuleFailure
 from certify.kernel.linalg import Matrix, add, identity, multiply, scale, transpose
 from certify.kernel.model import J, LinearPort, dgu_port
 from certify.kernel.rules import quadratic_storage
@@ -20,6 +19,7 @@ from certify.search.facial import Family
 from certify.search.frequency import find_frequency_witness
 from certify.search.lmi import solve_family
 from certify.search.storage import find_state_feedback_storage, inverse_2x2
+from tests.accept import accepts
 
 W0 = Fraction("314.15926535897932384626433832795028841972")
 FILTER = Filter(Fraction(1, 10), Fraction("0.0018"), Fraction("25e-6"))
@@ -82,28 +82,9 @@ def test_two_ways_to_refute(error: str, row: int, column: int) -> None:
 
 def verdict(port: LinearPort) -> tuple[str, str | None]:
     """What the kernel accepts of the proposals for a port."""
-    from certify.kernel.check import RULES, Data
-
-    class Ports:
-        storages: dict[str, Any] = {}  # noqa: RUF012
-
-        def port(self, _: str) -> LinearPort:
-            return port
-
-        def key(self, _: str) -> Any:
-            return None
-
-        def once(self, _: Any, compute: Any) -> Any:
-            return compute()
-
-    for proposal in propose_dgu(port):
-        context: Any = Ports()
-        try:
-            RULES["dgu", proposal.status, proposal.rule](context, "x", Data(proposal.data))
-        except RuleFailure:
-            continue
-        return proposal.status, proposal.rule
-    return "unknown", None
+    accepted = (p for p in propose_dgu(port) if accepts(port, p))
+    proposal = next(accepted, None)
+    return (proposal.status, proposal.rule) if proposal else ("unknown", None)
 
 
 def multiple(x: Any) -> Matrix:

@@ -20,6 +20,7 @@ from certify.kernel.errors import Rejected, RuleFailure
 from certify.kernel.linalg import Matrix, Vector, block, identity, scale, zeros
 from certify.kernel.model import LinearPort, LoadLaw, dgu_port, incidence, load_law, node_capacitances
 from certify.kernel.quantity import shorten
+from certify.kernel.reader import unique
 from certify.kernel.spec import Microgrid, Node, SeriesBranch, components, decode
 
 FORMAT = "certify/certificate@1"
@@ -190,9 +191,9 @@ def check_claims(grid: Microgrid, document: dict[str, Any]) -> Verdict:
     """Check the claims, proofs, ledger and verdict of a certificate that has been read."""
     context = Context(grid)
     expected, proofs = statements(context), document["proofs"]
-    _shape(proofs, dict, "proofs")
     listed = document["claims"]
-    _shape(listed, list, "claims")
+    if not isinstance(proofs, dict) or not isinstance(listed, list):
+        raise Rejected("K101", "file", "expected a table of proofs and a list of claims")
     for key, data in proofs.items():
         if proof_key(data) != key:
             raise Rejected("K104", f"proofs.{shorten(key)}", "the proof does not have the content that its key names")
@@ -241,11 +242,6 @@ def _read(certificate: bytes) -> dict[str, Any]:
     def no_number(text: str) -> object:
         raise ValueError(f"a bare number {shorten(text)}; rationals are written as text")
 
-    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        if len(dict(pairs)) < len(pairs):
-            raise ValueError("a key is given twice")
-        return dict(pairs)
-
     try:
         document = json.loads(
             certificate.decode(), parse_float=no_number, parse_constant=no_number, object_pairs_hook=unique
@@ -254,11 +250,6 @@ def _read(certificate: bytes) -> dict[str, Any]:
         raise Rejected("K101", "file", f"not a certificate: {error}") from None
     _keys(document, {"format", "spec_sha256", "claims", "proofs", "assumptions", "verdict", "provenance"}, "file")
     return document  # type: ignore[no-any-return]
-
-
-def _shape(value: object, wanted: type, where: str) -> None:
-    if not isinstance(value, wanted):
-        raise Rejected("K101", where, f"expected a {wanted.__name__}")
 
 
 def _keys(value: object, keys: set[str], where: str) -> None:
@@ -352,8 +343,10 @@ def _contradiction(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
     faces, W, Y, y = data.fields("faces", "W", "Y", "y")
     chain = []
     for face in faces.items():
-        u, face_Y, face_y = face.fields("u", "Y", "y")
-        chain.append((u.vector(), face_Y.matrix(), [v.vector() for v in face_y.items()]))
+        kind, u, face_Y, face_y = face.fields("of", "u", "Y", "y")
+        rules.require(kind.text() in ("storage", "dissipation"), "a face is of storage or of dissipation")
+        vectors = tuple(v.vector() for v in face_y.items())
+        chain.append(rules.Face(kind.text() == "storage", u.vector(), face_Y.matrix(), vectors))
     rules.storage_contradiction(context.port(name), chain, W.matrix(), Y.matrix(), [v.vector() for v in y.items()])
     return (("faces", Fraction(len(chain)), ""),)
 

@@ -99,20 +99,11 @@ def dgu_port(dgu: Dgu, capacitance_farad: Fraction, w0: Fraction) -> LinearPort:
     inductance, c = dgu.filter.inductance_henry, capacitance_farad
     G = add(I2, scale(-1, gains.K11))
     H = add(add(scale(-dgu.filter.resistance_ohm, I2), scale(-w0 * inductance, J)), gains.K12)
-    Z, one_over_c, one_over_l = zeros(2, 2), 1 / c, 1 / inductance
-    voltage, current = scale(-w0, J), scale(one_over_c, I2)
-    B, C = scale(one_over_c, I2), I2
-    if gains.K13 is None:
-        F = block([[voltage, current], [scale(-one_over_l, G), scale(one_over_l, H)]])
-        return LinearPort(F, block([[B], [Z]]), block([[C, Z]]), c)
-    F = block(
-        [
-            [voltage, current, Z],
-            [scale(-one_over_l, G), scale(one_over_l, H), scale(one_over_l, gains.K13)],
-            [scale(-1, I2), Z, Z],
-        ]
-    )
-    return LinearPort(F, block([[B], [Z], [Z]]), block([[C, Z, Z]]), c)
+    Z, per_c, K13 = zeros(2, 2), scale(1 / c, I2), gains.K13 or zeros(2, 2)
+    rows = [scale(1 / inductance, a) for a in (scale(-1, G), H, K13)]
+    n = 3 if gains.K13 else 2  # blocks of states: V, I and the integrator, if there is one
+    F = block([row[:n] for row in ([scale(-w0, J), per_c, Z], rows, [scale(-1, I2), Z, Z])[:n]])
+    return LinearPort(F, block([[per_c], [Z], [Z]][:n]), block([[I2, Z, Z][:n]]), c)
 
 
 def load_law(node: Node) -> LoadLaw:

@@ -11,35 +11,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 
+from certify.kernel import linalg as la
 from certify.kernel import poly
 from certify.kernel.errors import RuleFailure
-from certify.kernel.linalg import (
-    Matrix,
-    Vector,
-    add,
-    apply,
-    block,
-    identity,
-    is_symmetric,
-    ldl_pivots,
-    multiply,
-    null_space,
-    rank,
-    row_reduce,
-    scale,
-    solve,
-    transpose,
-)
+from certify.kernel.linalg import Matrix, Vector
 from certify.kernel.model import LinearPort, LoadLaw, PowerTerm, power_polynomials
 from certify.kernel.poly import Polynomial, is_nonnegative_on, is_positive_on, to_polynomial
-from certify.kernel.powers import (
-    PRECISIONS,
-    Interval,
-    compare_power,
-    interval_product,
-    interval_sum,
-    power_enclosure,
-)
+from certify.kernel.powers import PRECISIONS, Interval, compare_power, interval_product, interval_sum, power_enclosure
 
 Pair = tuple[Fraction, Fraction]
 
@@ -65,8 +43,8 @@ def dissipation(F: Matrix, P: Matrix) -> Matrix:
     >>> dissipation(((Fraction(-1),),), one)
     ((Fraction(2, 1),),)
     """
-    half = multiply(P, F)
-    return scale(-1, add(half, transpose(half)))
+    half = la.multiply(P, F)
+    return la.scale(-1, la.add(half, la.transpose(half)))
 
 
 @dataclass(frozen=True)
@@ -81,12 +59,12 @@ class Storage:
 def quadratic_storage(port: LinearPort, P: Matrix) -> Storage:
     """Rule `quadratic-storage`: P > 0, P B = C', M = -(F'P + PF) >= 0, so S = x~'P x~/2 proves EIP."""
     n = len(port.F)
-    require(len(P) == n and is_symmetric(P), f"the storage matrix is not a symmetric matrix of size {n}")
-    require(multiply(P, port.B) == transpose(port.C), "P B = C' does not hold")
-    storage_pivots, semidefinite = ldl_pivots(P)
+    require(len(P) == n and la.is_symmetric(P), f"the storage matrix is not a symmetric matrix of size {n}")
+    require(la.multiply(P, port.B) == la.transpose(port.C), "P B = C' does not hold")
+    storage_pivots, semidefinite = la.ldl_pivots(P)
     require(semidefinite and all(storage_pivots), "the storage matrix P is not positive definite")
     M = dissipation(port.F, P)
-    dissipation_pivots, semidefinite = ldl_pivots(M)
+    dissipation_pivots, semidefinite = la.ldl_pivots(M)
     require(semidefinite, "the dissipation matrix -(F'P + PF) is not positive semidefinite")
     return Storage(M, storage_pivots, dissipation_pivots)
 
@@ -96,63 +74,70 @@ def frequency_witness(port: LinearPort, s0: Pair, u: Sequence[Pair]) -> Fraction
     (sigma, omega), n, m = s0, len(port.F), len(port.C)
     require(sigma > 0, "the real part of s0 is not positive")
     require(len(u) == m, f"u does not have {m} entries")
-    inner = add(scale(sigma, identity(n)), scale(-1, port.F))
-    cross = scale(omega, identity(n))
+    inner = la.add(la.scale(sigma, la.identity(n)), la.scale(-1, port.F))
+    cross = la.scale(omega, la.identity(n))
     u_parts = [tuple(part[k] for part in u) for k in (0, 1)]
-    right = tuple((x,) for part in u_parts for x in apply(port.B, part))
+    right = tuple((x,) for part in u_parts for x in la.apply(port.B, part))
     try:
-        x = [row[0] for row in solve(block([[inner, scale(-1, cross)], [cross, inner]]), right)]
+        x = [row[0] for row in la.solve(la.block([[inner, la.scale(-1, cross)], [cross, inner]]), right)]
     except ZeroDivisionError:
         raise RuleFailure("s0 is an eigenvalue of F") from None
-    z_parts = [apply(port.C, x[:n]), apply(port.C, x[n:])]
+    z_parts = [la.apply(port.C, x[:n]), la.apply(port.C, x[n:])]
     value = sum((a * b for k in (0, 1) for a, b in zip(u_parts[k], z_parts[k], strict=True)), Fraction(0))
     require(value < 0, "Re(u* Z(s0) u) is not negative")
     return value
 
 
-def storage_contradiction(
-    port: LinearPort,
-    faces: Sequence[tuple[Vector, Matrix, Sequence[Vector]]],
-    W: Matrix,
-    Y: Matrix,
-    y: Sequence[Vector],
-) -> None:
+@dataclass(frozen=True)
+class Face:
+    """An identity that forces M u = 0, or P u = 0 if `of_storage`. Shapes: u (n,), Y (n, m), y of earlier faces."""
+
+    of_storage: bool
+    u: Vector
+    Y: Matrix
+    y: tuple[Vector, ...]
+
+
+def storage_contradiction(port: LinearPort, faces: Sequence[Face], W: Matrix, Y: Matrix, y: Sequence[Vector]) -> None:
     """Rule `storage-contradiction`: no P >= 0 has P B = C' and M >= 0, so no storage function of any kind exists.
 
-    Each face (u, Y, y) forces M u = 0 by an identity; the last identity has a positive and a negative side.
-    Shapes: u (n,), Y (n, m), y a vector (n,) for each earlier face; W (n, n).
+    The faces come one after the other; the last identity has a positive and a negative side. W (n, n).
     """
     n, m = len(port.F), len(port.C)
 
-    def combination(Y: Matrix, multipliers: Sequence[Vector], known: Sequence[Vector]) -> tuple[Matrix, Fraction]:
-        """B Y' + Y B' + sum of F u y' + u y' F' + transposes; and tr(C Y). Its product with P is 2 tr(C Y)."""
+    def combination(Y: Matrix, multipliers: Sequence[Vector], known: Sequence[Face]) -> tuple[Matrix, Fraction]:
+        """E(Y, y) and tr(C Y): the product of E with P is 2 tr(C Y)."""
         require(len(Y) == n and all(len(row) == m for row in Y), f"Y is not of shape ({n}, {m})")
         require(len(multipliers) == len(known), "a multiplier is missing")
-        half = multiply(Y, transpose(port.B))
-        for u, v in zip(known, multipliers, strict=True):
+        half = la.multiply(Y, la.transpose(port.B))
+        for face, v in zip(known, multipliers, strict=True):
             require(len(v) == n, f"a multiplier does not have {n} entries")
-            half = add(half, _outer(apply(port.F, u), v))
-            half = add(half, _outer(u, apply(port.F, v)))
+            half = la.add(half, face_equation(port.F, face, v))
         trace = sum((port.C[i][k] * Y[k][i] for i in range(m) for k in range(n)), Fraction(0))
-        return add(half, transpose(half)), trace
+        return la.add(half, la.transpose(half)), trace
 
-    require(len(faces) <= n, "more faces than states")
-    known: list[Vector] = []
-    for u, face_Y, multipliers in faces:
-        require(len(u) == n, f"a face does not have {n} entries")
-        square = _outer(apply(port.F, u), u)
-        identity_side, trace = combination(face_Y, multipliers, known)
-        require(add(square, transpose(square)) == identity_side and not trace, "a face is not forced to vanish")
-        known.append(u)
-    require(len(W) == n and is_symmetric(W) and ldl_pivots(W)[1], "W is not positive semidefinite")
-    rest, trace = combination(Y, y, known)
-    product = multiply(port.F, W)
-    Q = add(add(product, transpose(product)), rest)
-    require(ldl_pivots(Q)[1], "the left side of the last identity is not positive semidefinite")
+    require(len(faces) <= 2 * n, "more faces than there can be")
+    for k, face in enumerate(faces):
+        require(len(face.u) == n, f"a face does not have {n} entries")
+        square = outer(face.u if face.of_storage else la.apply(port.F, face.u), face.u)
+        side, trace = combination(face.Y, face.y, faces[:k])
+        require(la.add(square, la.transpose(square)) == side and not trace, "a face is not forced to vanish")
+    require(len(W) == n and la.is_symmetric(W) and la.ldl_pivots(W)[1], "W is not positive semidefinite")
+    rest, trace = combination(Y, y, faces)
+    product = la.multiply(port.F, W)
+    Q = la.add(la.add(product, la.transpose(product)), rest)
+    require(la.ldl_pivots(Q)[1], "the left side of the last identity is not positive semidefinite")
     require(trace < 0, "tr(C Y) is not negative")
 
 
-def _outer(a: Vector, b: Vector) -> Matrix:
+def face_equation(F: Matrix, face: Face, v: Vector) -> Matrix:
+    """The matrix A with tr(P (A + A')) = 0 for every P on the face: -2 v'M u = 0, or 2 v'P u = 0."""
+    if face.of_storage:
+        return outer(face.u, v)
+    return la.add(outer(la.apply(F, face.u), v), outer(face.u, la.apply(F, v)))
+
+
+def outer(a: Vector, b: Vector) -> Matrix:
     return tuple(tuple(x * y for y in b) for x in a)
 
 
@@ -207,20 +192,21 @@ def _rebased(term: PowerTerm, base: Fraction) -> PowerTerm:
     return PowerTerm(term.coefficient * factor, base, term.exponent)
 
 
+def _admittance(terms: tuple[PowerTerm, ...], low: Fraction, high: Fraction, bits: int, weight: int = 0) -> Interval:
+    """Enclosure on [low, high] of the sum of power / v^2, each term times (exponent - weight) if weight is not 0."""
+    parts = []
+    for t in terms:
+        ends = [power_enclosure(v / t.base_volt, t.exponent - 2, bits) for v in (low, high)]
+        span = (min(e[0] for e in ends), max(e[1] for e in ends))  # a power is monotone in v
+        factor = t.coefficient / t.base_volt**2 * (t.exponent - weight if weight else 1)
+        parts.append(interval_product((factor, factor), span))
+    return interval_sum(parts)
+
+
 def jacobian_enclosure(law: LoadLaw, low: Fraction, high: Fraction, bits: int) -> tuple[Interval, Interval]:
     """Enclosures of G and of D = G (G + v G') - (v B')^2 / 4 for every v in [low, high]."""
-
-    def total(terms: tuple[PowerTerm, ...], weight: int) -> Interval:
-        """Sum of (exponent - weight) coefficient / v^2 (v/base)^exponent, or without the factor if weight is 0."""
-        parts = []
-        for t in terms:
-            ends = [power_enclosure(v / t.base_volt, t.exponent - 2, bits) for v in (low, high)]
-            span = (min(e[0] for e in ends), max(e[1] for e in ends))
-            factor = t.coefficient / t.base_volt**2 * (t.exponent - weight if weight else 1)
-            parts.append(interval_product((factor, factor), span))
-        return interval_sum(parts)
-
-    G, radial, cross = total(law.active, 0), total(law.active, 1), total(law.reactive, 2)
+    G, radial = (_admittance(law.active, low, high, bits, weight) for weight in (0, 1))
+    cross = _admittance(law.reactive, low, high, bits, 2)
     product, square = interval_product(G, radial), interval_product(cross, cross)
     least = Fraction(0) if cross[0] <= 0 <= cross[1] else square[0]
     return G, (product[0] - square[1] / 4, product[1] - least / 4)
@@ -244,32 +230,18 @@ def voltage_pair(law: LoadLaw, band: Pair, v: Fraction, pair: Pair, t: Fraction)
     <V_b - V_a, I(V_b) - I(V_a)> = P(a) + P(b) - a b ((G_a + G_b) cos + (B_a - B_b) sin).
     """
     require(all(band[0] <= x <= band[1] for x in (v, *pair)), "a voltage is outside the band")
-    cosine, sine = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
-
-    def negative_at(bits: int) -> tuple[bool, bool]:
-        G, D = jacobian_enclosure(law, v, v, bits)
-        values = []
-        for x in pair:
-            for terms, sign in ((law.active, 1), (law.reactive, -1)):
-                powers = [power_enclosure(x / p.base_volt, p.exponent, bits) for p in terms]
-                factors = [sign * p.coefficient / x**2 for p in terms]
-                parts = [interval_product((f, f), p) for f, p in zip(factors, powers, strict=True)]
-                values.append(interval_sum(parts))
-        (a, b), (Ga, Ba, Gb, Bb) = pair, values
-        parts = [
-            interval_product(((a - b * cosine) * a,) * 2, Ga),
-            interval_product(((b - a * cosine) * b,) * 2, Gb),
-            interval_product((-a * b * sine,) * 2, Ba),
-            interval_product((a * b * sine,) * 2, Bb),
-        ]
-        return G[1] < 0 or D[1] < 0, interval_sum(parts)[1] < 0
-
-    results = (False, False)
+    (a, b), cosine, sine = pair, (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+    # the product, as a sum of G_a, G_b, -B_a, -B_b times these
+    factors = ((a - b * cosine) * a, (b - a * cosine) * b, a * b * sine, -a * b * sine)
+    active = product = False
     for bits in PRECISIONS:
-        results = negative_at(bits)
-        if all(results):
+        G, D = jacobian_enclosure(law, v, v, bits)
+        values = [_admittance(terms, x, x, bits) for terms in (law.active, law.reactive) for x in pair]
+        total = interval_sum(interval_product((f, f), x) for f, x in zip(factors, values, strict=True))
+        active, product = G[1] < 0 or D[1] < 0, total[1] < 0
+        if active and product:
             return
-    require(results[0], "neither G nor D is negative at the voltage named")
+    require(active, "neither G nor D is negative at the voltage named")
     raise RuleFailure("the product of the two voltages is not negative")
 
 
@@ -287,14 +259,14 @@ def observed(rows: Matrix, F: Matrix, B: Matrix | None = None) -> list[list[Frac
     Invariant under F; with B, controlled-invariant for (F, B): only an r with r B = 0 is carried on to r F.
     """
     n = len(F)
-    basis, _ = row_reduce(rows, n)
+    basis, _ = la.row_reduce(rows, n)
     while True:
         exact = tuple(tuple(r) for r in basis)
         carried: Matrix = exact
         if B is not None and exact:
-            combinations = null_space(transpose(multiply(exact, B)), len(exact))
-            carried = multiply(combinations, exact) if combinations else ()
-        grown, _ = row_reduce((*exact, *(multiply(carried, F) if carried else ())), n)
+            combinations = la.null_space(la.transpose(la.multiply(exact, B)), len(exact))
+            carried = la.multiply(combinations, exact) if combinations else ()
+        grown, _ = la.row_reduce((*exact, *(la.multiply(carried, F) if carried else ())), n)
         if len(grown) == len(basis):
             return basis
         basis = grown
@@ -308,4 +280,4 @@ def rests(port: LinearPort, M: Matrix) -> None:
 def pins(port: LinearPort, M: Matrix, with_load: bool) -> None:
     """Condition `pin` of rule `invariant-set` by a DGU: inside ker M, z = 0 follows (any load current allowed)."""
     rows, n = observed(M, port.F, port.B if with_load else None), len(port.F)
-    require(rank((*rows, *port.C), n) == len(rows), "a motion with z other than 0 and no dissipation remains")
+    require(la.rank((*rows, *port.C), n) == len(rows), "a motion with z other than 0 and no dissipation remains")

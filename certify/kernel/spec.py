@@ -6,34 +6,20 @@ an environment; the only input is the bytes of the file.
 
 from __future__ import annotations
 
-import difflib
-import json
 import re
-import tomllib
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from typing import Any
 
-from certify.kernel.errors import Fault, SpecError
+from certify.kernel.errors import SpecError
 from certify.kernel.linalg import Matrix
-from certify.kernel.quantity import (
-    Formula,
-    NumberText,
-    QuantityError,
-    parse_formula,
-    parse_quantity,
-    shorten,
-)
+from certify.kernel.quantity import Formula, parse_formula, shorten
+from certify.kernel.reader import REQUIRED, Pair, Reader, Schema, TableReader, keep, read_document, shown
 
 FORMAT = "certify/microgrid@1"
-MAX_BYTES = 1 << 28
-MAX_TOML_LINE = 20_000
 MAX_STATES = 20
-MAX_FAULTS = 500
-Pair = tuple[Fraction, Fraction]
 
 # 2 pi, to 100 decimals.
 TWO_PI = Fraction(
@@ -159,143 +145,18 @@ class Microgrid:
     lines: tuple[Line, ...]
 
 
-class _Table(dict[str, Any]):
-    duplicates: tuple[str, ...] = ()
-
-
-def _json_object(pairs: list[tuple[str, Any]]) -> _Table:
-    table = _Table(pairs)
-    if len(table) < len(pairs):
-        counts = Counter(key for key, _ in pairs)
-        table.duplicates = tuple(key for key, count in counts.items() if count > 1)
-    return table
-
-
-def read_document(data: bytes) -> dict[str, Any]:
-    """The parsed TOML or JSON document, its decimals kept as text. Raises: SpecError if it cannot be parsed."""
-
-    def refuse(code: str, message: str) -> SpecError:
-        return SpecError((Fault(code, "", message),))
-
-    if len(data) > MAX_BYTES:
-        raise refuse("S003", f"file of {len(data)} bytes; at most {MAX_BYTES} are read")
-    try:
-        text = data.decode("utf-8-sig")
-        if not text.strip():
-            raise refuse("S002", "the file is empty")
-        if text.lstrip().startswith("{"):
-            number: Any = NumberText
-            numbers = {"parse_float": number, "parse_int": number, "parse_constant": number}
-            return json.loads(text, object_pairs_hook=_json_object, **numbers)  # type: ignore[no-any-return]
-        for row, line in enumerate(text.split("\n"), 1):
-            if len(line) > MAX_TOML_LINE or line.count(".") > MAX_TOML_LINE // 10:
-                raise refuse("S003", f"line {row} is absurdly long; break it, or use JSON of the same shape")
-        return tomllib.loads(text, parse_float=NumberText)
-    except UnicodeDecodeError as error:
-        raise refuse("S001", f"not UTF-8 text: byte {error.start} cannot be decoded") from None
-    except RecursionError:
-        raise refuse("S003", "nested too deeply; a spec needs no more than six levels") from None
-    except ValueError as error:
-        raise refuse("S002", f"not valid TOML or JSON: {error}") from None
-
-
 def decode(data: bytes) -> Microgrid:
     """The microgrid that a spec file describes. Raises: SpecError with every fault found."""
     return Decoder(read_document(data)).microgrid()
 
 
-Reader = Callable[[Any, str], Any]
-REQUIRED = object()
-
-
-def _keep(raw: Any, _: str) -> Any:
-    return raw
-
-
-class Decoder:
-    """Reads tables by a schema {key: (reader, default)}; a bad value becomes a fault and None, and reading goes on."""
+class Decoder(TableReader):
+    """Reads the parts of a spec; a part with a fault becomes None, and reading goes on."""
 
     def __init__(self, document: Any) -> None:
+        super().__init__()
         self.document = document
-        self.faults: list[Fault] = []
-        self.per_unit: dict[str, Fraction] = {}
         self.gains: dict[tuple[str, Filter | None], IdaPbc | StateFeedback | LinearLoop | None] = {}
-
-    # --- readers: (raw value, path) -> value or None ------------------------------------------------------
-
-    def fault(self, code: str, path: str, message: str) -> None:
-        self.faults.append(Fault(code, path, message))
-        if len(self.faults) >= MAX_FAULTS:
-            raise SpecError((*self.faults, Fault("S108", "", f"more than {MAX_FAULTS} faults; the rest is not listed")))
-
-    def table(self, raw: object, path: str, schema: Mapping[str, tuple[Reader, Any]]) -> dict[str, Any]:
-        """Every key of the schema, read; a fault for each key that is unknown, missing or given twice."""
-        if not isinstance(raw, dict):
-            self.fault("S103", path, f"expected a table, got {shorten(raw)}")
-            return dict.fromkeys(schema)
-        dot = f"{path}." if path else ""
-        for key in getattr(raw, "duplicates", ()):
-            self.fault("S104", f"{dot}{_shown(key)}", "the key is given twice")
-        for key in raw:
-            if key not in schema:
-                self.fault("S101", f"{dot}{_shown(key)}", f"unknown key; {_near(key, schema)}")
-        values = {}
-        for key, (read, default) in schema.items():
-            if key not in raw and default is REQUIRED:
-                self.fault("S102", f"{dot}{key}", "this key is missing")
-            values[key] = read(raw[key], f"{dot}{key}") if key in raw else None if default is REQUIRED else default
-        return values
-
-    def named(self, raw: object, path: str, read: Reader) -> dict[str, Any]:
-        """A table whose keys are names: each entry, read."""
-        if not isinstance(raw, dict):
-            self.fault("S103", path, f"expected a table of tables, got {shorten(raw)}")
-            return {}
-        for name in getattr(raw, "duplicates", ()):
-            self.fault("S104", f"{path}.{_shown(name)}", "the name is given twice")
-        return {name: read(entry, self.path_of(path, name)) for name, entry in raw.items()}
-
-    def path_of(self, key: str, name: str) -> str:
-        path = f"{key}.{_shown(name)}"
-        if not _NAME.fullmatch(name):
-            self.fault("S105", path, "not a usable name: letters, digits, _ . : + - and inner spaces, at most 64")
-        return path
-
-    def text(self, raw: object, path: str) -> str | None:
-        if isinstance(raw, str) and not isinstance(raw, NumberText) and len(raw) <= 200 and raw.isprintable():
-            return raw
-        self.fault("S103", path, f"expected a line of text in quotes, got {shorten(raw)}")
-        return None
-
-    def one_of(self, *words: str) -> Reader:
-        def read(raw: object, path: str) -> str | None:
-            if isinstance(raw, str) and raw in words:
-                return raw
-            self.fault("S107", path, f"got {shorten(raw)}; expected one of {', '.join(words)}")
-            return None
-
-        return read
-
-    def attempt(self, path: str, read: Callable[[], Any]) -> Any:
-        try:
-            return read()
-        except QuantityError as error:
-            self.fault(error.code, path, error.message)
-            return None
-
-    def unit(self, unit: str, sign: str = "") -> Reader:
-        """A quantity in SI; `sign` is "> 0", ">= 0" or "" for any."""
-
-        def read(raw: object, path: str) -> Any:
-            value = self.attempt(path, lambda: parse_quantity(raw, unit, self.per_unit))
-            if value is not None and sign and (value < 0 or (value == 0 and sign == "> 0")):
-                self.fault(
-                    "S208", path, f"must be {'positive' if sign == '> 0' else 'zero or more'}, got {shorten(raw)}"
-                )
-                return None
-            return value
-
-        return read
 
     def frequency(self, raw: object, path: str) -> Fraction | None:
         """w0 in rad/s from a frequency in hertz."""
@@ -305,16 +166,6 @@ class Decoder:
             return None
         return angular_frequency(value) if value else None
 
-    def pair(self, first: Reader, second: Reader) -> Reader:
-        def read(raw: object, path: str) -> Pair | None:
-            if not isinstance(raw, list) or len(raw) != 2:
-                self.fault("S103", path, f"expected a list of two values, got {shorten(raw)}")
-                return None
-            a, b = first(raw[0], f"{path}[0]"), second(raw[1], f"{path}[1]")
-            return None if a is None or b is None else (a, b)
-
-        return read
-
     def band(self, raw: object, path: str) -> Pair | None:
         band: Pair | None = self.pair(self.unit("V", "> 0"), self.unit("V", "> 0"))(raw, path)
         if band and band[0] >= band[1]:
@@ -322,53 +173,30 @@ class Decoder:
             return None
         return band
 
-    def list_of(self, read: Reader) -> Reader:
-        def read_all(raw: object, path: str) -> list[Any]:
-            if not isinstance(raw, list):
-                self.fault("S103", path, f"expected a list of tables, got {shorten(raw)}")
-                return []
-            return [read(entry, f"{path}[{k}]") for k, entry in enumerate(raw)]
-
-        return read_all
-
-    def reference_to(self, kind: str, known: Mapping[str, Any]) -> Reader:
-        """The name of something defined elsewhere in the spec."""
-
-        def read(raw: object, path: str) -> str | None:
-            if isinstance(raw, str) and raw in known:
-                return raw
-            self.fault("S301" if kind == "node" else "S306", path, f"no {kind} {shorten(raw)}; {_near(raw, known)}")
-            return None
-
-        return read
-
-    # --- the parts ----------------------------------------------------------------------------------------
+    def impedances(self, resistance: str, capacitance: str, per: str = "", default: Any = REQUIRED) -> Schema:
+        signs = {"R": ("ohm", resistance), "L": ("H", "> 0"), "C": ("F", capacitance)}
+        return {key: (self.unit(unit + per, sign), default) for key, (unit, sign) in signs.items()}
 
     def microgrid(self) -> Microgrid:
         # Parts that refer to others are kept raw until those have been read.
-        top = self.table(
-            self.document,
-            "",
-            {
-                "format": (self.one_of(FORMAT), REQUIRED),
-                "name": (self.text, ""),
-                "frequency": (self.frequency, REQUIRED),
-                "base_voltage": (self.unit("V", "> 0"), None),
-                "base_power": (self.unit("VA", "> 0"), None),
-                "line_legs": (self.one_of("included", "neglected at DGUs"), "included"),
-                **{key: (_keep, {}) for key in ("voltage_band", "filter", "controller", "line_type", "scenario")},
-                "node": (_keep, REQUIRED),
-                "line": (_keep, []),
-            },
-        )
+        schema: dict[str, tuple[Reader, Any]] = {
+            "format": (self.one_of([FORMAT]), REQUIRED),
+            "name": (self.text, ""),
+            "frequency": (self.frequency, REQUIRED),
+            "base_voltage": (self.unit("V", "> 0"), None),
+            "base_power": (self.unit("VA", "> 0"), None),
+            "line_legs": (self.one_of(["included", "neglected at DGUs"]), "included"),
+            **{key: (keep, {}) for key in ("filter", "controller", "line_type", "scenario")},
+            **{key: (keep, default) for key, default in (("voltage_band", None), ("node", REQUIRED), ("line", []))},
+        }
+        top = self.table(self.document, "", schema)
         self.w0 = top["frequency"] or Fraction(1)
         self.bases(top["base_voltage"], top["base_power"])
-        self.base_voltage, raw_band = top["base_voltage"], top["voltage_band"]
-        self.band_volt = None if raw_band == {} else self.band(raw_band, "voltage_band")
-        self.has_band = raw_band != {}
+        self.base_voltage = top["base_voltage"]
+        self.common_band = REQUIRED if top["voltage_band"] is None else self.band(top["voltage_band"], "voltage_band")
         self.filters = self.named(top["filter"], "filter", self.filter)
         self.controllers = self.named(top["controller"], "controller", self.controller)
-        self.types = self.named(top["line_type"], "line_type", lambda raw, path: self.series(raw, path, "/m"))
+        self.types = self.named(top["line_type"], "line_type", self.line_type)
         nodes = self.named({} if top["node"] is None else top["node"], "node", self.node)
         if not nodes and top["node"] is not None:
             self.fault("S308", "node", "the microgrid has no node")
@@ -388,20 +216,16 @@ class Decoder:
             self.per_unit |= {"S": 1 / impedance, "H": impedance / self.w0, "F": 1 / (impedance * self.w0)}
 
     def filter(self, raw: object, path: str) -> Filter | None:
-        signs = {"R": ("ohm", ">= 0"), "L": ("H", "> 0"), "C": ("F", "> 0")}
-        values = self.table(raw, path, {key: (self.unit(*sign), REQUIRED) for key, sign in signs.items()})
+        values = self.table(raw, path, self.impedances(">= 0", "> 0"))
         return None if None in values.values() else Filter(*values.values())
 
-    def series(self, raw: object, path: str, per: str = "") -> tuple[Fraction, ...] | None:
-        """R, L and C of a line, or of one metre of it."""
-        signs = {"R": ("ohm", "> 0"), "L": ("H", "> 0"), "C": ("F", ">= 0")}
-        values = self.table(raw, path, {key: (self.unit(u + per, sign), REQUIRED) for key, (u, sign) in signs.items()})
-        return None if None in values.values() else tuple(values.values())
+    def line_type(self, raw: object, path: str) -> dict[str, Any]:
+        return self.table(raw, path, self.impedances("> 0", ">= 0", "/m"))
 
     def controller(self, raw: object, path: str) -> Any:
         """Checked here as far as it can be without a filter; `evaluate` does the rest for each filter."""
         before = len(self.faults)
-        kind = self.one_of(*_GAINS)(raw.get("kind") if isinstance(raw, dict) else None, f"{path}.kind")
+        kind = self.one_of(_GAINS)(raw.get("kind") if isinstance(raw, dict) else None, f"{path}.kind")
         if kind is None:
             return None
         scope = {"R", "L", "C", "w0"}
@@ -415,30 +239,29 @@ class Decoder:
 
         def let(raw: object, path: str) -> None:
             for name, value in raw.items() if isinstance(raw, dict) else [("", raw)]:
-                where = f"{path}.{_shown(name)}"
+                where = f"{path}.{shown(name)}"
                 if name in scope or not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII):
                     self.fault("S105", where, "not a usable name: letters, digits and _; not R, L, C, w0")
                 formulas[name] = formula(value, where)
                 scope.add(name)
 
         def gain(raw: object, path: str) -> Any:
-            rows = _GAIN_SHAPES[kind](raw)
+            rows = _GAINS[kind][1](raw)
             if rows is None:
                 self.fault("S103", path, f"wrong shape: {shorten(raw)}")
                 return None
             return [[formula(x, path) for x in row] for row in rows]
 
-        design_schema = {key: (self.unit(*sign), None) for key, sign in _DESIGN.items()}
-
         def design(raw: object, path: str) -> dict[str, Any]:
-            return self.table(raw, path, {**design_schema, "frequency": (self.frequency, None)})
+            own = {**self.impedances(">= 0", "> 0", default=None), "frequency": (self.frequency, None)}
+            values = self.table(raw, path, own)
+            return {"w0" if key == "frequency" else key: x for key, x in values.items() if x is not None}
 
-        # `let` comes first in the schema, because the gains are read with its names in scope
-        schema: dict[str, tuple[Reader, Any]] = {"kind": (_keep, None), "let": (let, None)}
-        schema["design"] = (design, dict.fromkeys((*_DESIGN, "frequency")))
-        schema |= {key: (gain, None if key == "K13" else REQUIRED) for key in _GAINS[kind]}
+        keys = _GAINS[kind][0]  # read after `let`, with its names in scope
+        schema: dict[str, tuple[Reader, Any]] = {"kind": (keep, None), "let": (let, None), "design": (design, {})}
+        schema |= {key: (gain, None if key == "K13" else REQUIRED) for key in keys}
         values = self.table(raw, path, schema)
-        gains = {key: values[key] for key in _GAINS[kind] if values[key] is not None}
+        gains = {key: values[key] for key in keys if values[key] is not None}
         if kind == "linear" and len(gains) == 3:
             shapes = [(len(gains[key]), len(gains[key][0])) for key in "FBC"]
             n = shapes[0][0]
@@ -449,17 +272,16 @@ class Decoder:
     def evaluate(self, name: str, filter_: Filter | None) -> Any:
         """The controller called `name` with its formulas evaluated for one filter; faults are reported once."""
         if (name, filter_) not in self.gains:
-            path = f"controller.{_shown(name)}"
+            path = f"controller.{shown(name)}"
             self.gains[name, filter_] = self._evaluate(path, self.controllers[name], filter_)
         return self.gains[name, filter_]
 
     def _evaluate(self, path: str, controller: Any, filter_: Filter | None) -> Any:
         kind, design, formulas, gains = controller
-        scope = {"w0": self.w0}
+        scope, before = {"w0": self.w0}, len(self.faults)
         if filter_:
             scope |= {"R": filter_.resistance_ohm, "L": filter_.inductance_henry, "C": filter_.capacitance_farad}
-        scope |= {"w0" if key == "frequency" else key: value for key, value in design.items() if value is not None}
-        before = len(self.faults)
+        scope |= design
         for name, formula in formulas.items():
             scope[name] = self.attempt(f"{path}.let.{name}", partial(formula.evaluate, scope))
             if scope[name] is None:
@@ -468,93 +290,81 @@ class Decoder:
             key: tuple(tuple(self.attempt(f"{path}.{key}", partial(f.evaluate, scope)) for f in row) for row in rows)
             for key, rows in gains.items()
         }
+        if kind == "ida-pbc" and 0 in matrix["nu"][0]:
+            self.fault("S207", f"{path}.nu", "nu is zero, and the control law divides by it")
         if len(self.faults) > before:
             return None
         if kind == "linear":
             return LinearLoop(matrix["F"], matrix["B"], matrix["C"])
         if kind == "state-feedback":
             return StateFeedback(matrix["K11"], matrix["K12"], matrix.get("K13"))
-        if not all(matrix["nu"][0]):
-            self.fault("S207", f"{path}.nu", "nu is zero, and the control law divides by it")
-            return None
         own = Filter(scope["R"], scope["L"], scope["C"])
         return IdaPbc(matrix["alpha"][0], matrix["nu"][0], matrix["ki"][0], own, scope["w0"])
 
     def node(self, raw: object, path: str) -> Node | None:
         before = len(self.faults)
-        table = self.table(
-            raw,
-            path,
-            {
-                "dgu": (self.dgu, None),
-                "load": (self.list_of(self.load), []),
-                "capacitance": (self.unit("F", ">= 0"), Fraction(0)),
-            },
-        )
+        schema: Schema = {
+            "dgu": (self.dgu, None),
+            "load": (self.list_of(self.load), []),
+            "capacitance": (self.unit("F", ">= 0"), Fraction(0)),
+        }
+        table = self.table(raw, path, schema)
         loads = [(load, band) for load, band in table["load"] or () if not isinstance(load, SeriesBranch)]
         if len(self.faults) > before or None in (band for _, band in loads):
             return None
-        branches = [load for load, _ in table["load"] if isinstance(load, SeriesBranch)]
+        branches = tuple(load for load, _ in table["load"] if isinstance(load, SeriesBranch))
         span = (max(b[0] for _, b in loads), min(b[1] for _, b in loads)) if loads else None
         if span and span[0] >= span[1]:
             self.fault("S307", f"{path}.load", "the voltage bands of these loads have no common part")
         name = path.split(".", 1)[1]
-        return Node(name, table["dgu"], tuple(x for x, _ in loads), tuple(branches), span, table["capacitance"])
+        return Node(name, table["dgu"], tuple(x for x, _ in loads), branches, span, table["capacitance"])
 
     def dgu(self, raw: object, path: str) -> Dgu | None:
-        volt = self.unit("V", "> 0")
-        table = self.table(
-            raw,
-            path,
-            {
-                "filter": (self.reference_to("filter", self.filters), None),
-                "controller": (self.reference_to("controller", self.controllers), REQUIRED),
-                "reference": (self.pair(self.unit("V"), self.unit("V")), REQUIRED),
-                "limits": (self.pair(volt, volt), None),
-            },
-        )
+        schema: Schema = {
+            "filter": (self.one_of(self.filters, "S306", "filter"), None),
+            "controller": (self.one_of(self.controllers, "S306", "controller"), REQUIRED),
+            "reference": (self.pair(self.unit("V"), self.unit("V")), REQUIRED),
+            "limits": (self.pair(self.unit("V", "> 0"), self.unit("V", "> 0")), None),
+        }
+        table = self.table(raw, path, schema)
         if table["reference"] and not any(table["reference"]):
             self.fault("S208", f"{path}.reference", "the reference voltage must not be zero")
-        name, controller = table["controller"], self.controllers.get(table["controller"])
-        filter_ = self.filters.get(table["filter"])
+        controller, filter_ = self.controllers.get(table["controller"]), self.filters.get(table["filter"])
         if controller is None or (filter_ is None and isinstance(raw, dict) and "filter" in raw):
             return None  # the fault was reported where that part is defined
         if controller[0] != "linear" and filter_ is None:
             self.fault("S102", f"{path}.filter", "this key is missing")
             return None
-        evaluated = self.evaluate(name, filter_)
+        evaluated = self.evaluate(table["controller"], filter_)
         return Dgu(filter_, evaluated, table["reference"], table["limits"]) if evaluated else None
 
-    def load(self, raw: object, path: str) -> tuple[Any, Any]:
-        kind = self.one_of("zip", "exp", "rl")(raw.get("kind") if isinstance(raw, dict) else None, f"{path}.kind")
+    def load(self, raw: Any, path: str) -> tuple[ZipLoad | ExpLoad | SeriesBranch | None, Any]:
+        """A load, and for a static one the band in which its claim must hold."""
+        kinds = ("zip", "exp", "rl")
+        kind = self.one_of(kinds)(raw.get("kind") if isinstance(raw, dict) else None, f"{path}.kind")
         if kind is None:
             return None, None
-        schema: dict[str, tuple[Reader, Any]] = {"kind": (_keep, None)}
+        schema: dict[str, tuple[Reader, Any]] = {"kind": (keep, None)}
         if kind == "rl":
-            table = self.table(
-                raw, path, {**schema, "R": (self.unit("ohm", "> 0"), REQUIRED), "L": (self.unit("H", "> 0"), REQUIRED)}
-            )
+            schema |= {key: value for key, value in self.impedances("> 0", "").items() if key != "C"}
+            table = self.table(raw, path, schema)
             return SeriesBranch(table["R"], table["L"]), None
-        schema["band"] = (self.band, self.band_volt)
+        schema["band"] = (self.band, self.common_band)
         zero = Fraction(0)
         if kind == "zip":
             units = {"Y": ("S", "S"), "I": ("A", "A"), "P": ("W", "var")}
-            schema |= {k: (self.pair(self.unit(a), self.unit(b)), (zero, zero)) for k, (a, b) in units.items()}
+            schema |= {key: (self.pair(self.unit(a), self.unit(b)), (zero, zero)) for key, (a, b) in units.items()}
             table = self.table(raw, path, schema)
-            load: ZipLoad | ExpLoad = ZipLoad(table["Y"], table["I"], table["P"])
-            if not set(units) & set(raw):  # type: ignore[call-overload]
+            if not units.keys() & raw.keys():
                 self.fault("S102", path, "a zip load needs at least one of Y, I, P")
-        else:
-            schema |= {"P0": (self.unit("W"), REQUIRED), "np": (self.exponent, REQUIRED)}
-            schema |= {"Q0": (self.unit("var"), zero), "nq": (self.exponent, zero)}
-            schema["V0"] = (self.unit("V", "> 0"), self.base_voltage or REQUIRED)
-            table = self.table(raw, path, schema)
-            load = ExpLoad(table["P0"], table["np"], table["Q0"], table["nq"], table["V0"])
-            if ("Q0" in raw) != ("nq" in raw):  # type: ignore[operator]
-                self.fault("S102", path, "Q0 and nq go together")
-        if table["band"] is None and not self.has_band:
-            self.fault("S102", "voltage_band", f"{path} needs a band of voltages in which its claim must hold")
-        return load, table["band"]
+            return ZipLoad(table["Y"], table["I"], table["P"]), table["band"]
+        schema |= {"P0": (self.unit("W"), REQUIRED), "np": (self.exponent, REQUIRED)}
+        schema |= {"Q0": (self.unit("var"), zero), "nq": (self.exponent, zero)}
+        schema["V0"] = (self.unit("V", "> 0"), self.base_voltage or REQUIRED)
+        table = self.table(raw, path, schema)
+        if ("Q0" in raw) != ("nq" in raw):
+            self.fault("S102", path, "Q0 and nq go together")
+        return ExpLoad(table["P0"], table["np"], table["Q0"], table["nq"], table["V0"]), table["band"]
 
     def exponent(self, raw: object, path: str) -> Fraction | None:
         value: Fraction | None = self.unit("")(raw, path)
@@ -563,31 +373,29 @@ class Decoder:
         return value
 
     def line(self, raw: object, path: str) -> Line | None:
-        before = len(self.faults)
-        if isinstance(raw, dict) and isinstance(raw.get("name"), str):
-            path = self.path_of("line", raw["name"])
-            if raw["name"] in self.line_names:
+        before, table = len(self.faults), raw if isinstance(raw, dict) else {}
+        if isinstance(table.get("name"), str):
+            path = self.path_of("line", table["name"])
+            if table["name"] in self.line_names:
                 self.fault("S303", path, "there is another line of this name")
-            self.line_names.add(raw["name"])
-        node = self.reference_to("node", self.known_nodes)
-        ends = {"name": (self.text, REQUIRED), "from": (node, REQUIRED), "to": (node, REQUIRED)}
-        if isinstance(raw, dict) and ("type" in raw or "length" in raw):
-            kind, metre = (self.reference_to("line_type", self.types), REQUIRED), (self.unit("m", "> 0"), REQUIRED)
-            table = self.table(raw, path, {**ends, "type": kind, "length": metre})
-            per_metre, length = self.types.get(table["type"]), table["length"]
-            values = [x * length for x in per_metre] if per_metre and length else None
+            self.line_names.add(table["name"])
+        node = self.one_of(self.known_nodes, "S301", "node")
+        schema: dict[str, tuple[Reader, Any]] = {"name": (self.text, REQUIRED), "from": (node, REQUIRED)}
+        schema["to"] = (node, REQUIRED)
+        by_type = "type" in table or "length" in table
+        if by_type:
+            schema["type"] = (self.one_of(self.types, "S306", "line_type"), REQUIRED)
+            schema["length"] = (self.unit("m", "> 0"), REQUIRED)
         else:
-            keys = {"R": (self.unit("ohm", "> 0"), REQUIRED), "L": (self.unit("H", "> 0"), REQUIRED)}
-            keys["C"] = (self.unit("F", ">= 0"), REQUIRED)
-            table = self.table(raw, path, {**ends, **keys})
-            values = [table["R"], table["L"], table["C"]]
+            schema |= self.impedances("> 0", ">= 0")
+        table = self.table(raw, path, schema)
         if table["from"] is not None and table["from"] == table["to"]:
             self.fault("S302", path, "the line starts and ends at the same node")
-        if len(self.faults) > before or not values:
+        per_metre = self.types.get(table["type"], {}) if by_type else table
+        if len(self.faults) > before or None in per_metre.values():
             return None
-        return Line(table["name"], table["from"], table["to"], SeriesBranch(values[0], values[1]), values[2])
-
-    # --- the network as a whole ---------------------------------------------------------------------------
+        R, L, C = (per_metre[key] * (table["length"] if by_type else 1) for key in "RLC")
+        return Line(table["name"], table["from"], table["to"], SeriesBranch(R, L), C)
 
     def network(self, nodes: Mapping[str, Node], lines: list[Line]) -> None:
         legs = {name: node.capacitance_farad for name, node in nodes.items()}
@@ -599,8 +407,8 @@ class Decoder:
                 self.fault("S305", f"node.{name}", "no capacitance at this node, so its voltage is no state")
         for island in components(nodes, lines):
             if not any(nodes[name].dgu for name in island):
-                shown = ", ".join(island[:6]) + (", ..." if len(island) > 6 else "")
-                self.fault("S304", f"node.{island[0]}", f"no DGU among the connected nodes {shown}")
+                listed = ", ".join(island[:6]) + (", ..." if len(island) > 6 else "")
+                self.fault("S304", f"node.{island[0]}", f"no DGU among the connected nodes {listed}")
 
 
 def components(names: Iterable[str], lines: Iterable[Line]) -> tuple[tuple[str, ...], ...]:
@@ -626,23 +434,6 @@ def components(names: Iterable[str], lines: Iterable[Line]) -> tuple[tuple[str, 
     return tuple(tuple(group) for group in groups)
 
 
-def _shown(name: str) -> str:
-    """A name or key as it may stand in a path."""
-    return name if _NAME.fullmatch(name) else shorten(name)
-
-
-def _near(name: object, known: Iterable[str]) -> str:
-    names = list(known)[:300]
-    near = difflib.get_close_matches(str(name)[:60], names, 1)
-    shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    return f"did you mean {near[0]!r}?" if near else f"known here: {shown}" if names else "none is defined"
-
-
-_NAME = re.compile(r"\w(?:[\w .:+-]{0,62}\w)?")
-_DESIGN = {"R": ("ohm", ">= 0"), "L": ("H", "> 0"), "C": ("F", "> 0")}
-_GAINS = {"ida-pbc": ("alpha", "nu", "ki"), "state-feedback": ("K11", "K12", "K13"), "linear": ("F", "B", "C")}
-
-
 def _pair_rows(raw: object) -> list[list[Any]] | None:
     """A number, or [d, q]."""
     if isinstance(raw, list):
@@ -664,4 +455,8 @@ def _rectangle_rows(raw: object) -> list[list[Any]] | None:
     return raw if {len(row) for row in raw} <= {len(raw[0])} & set(range(1, MAX_STATES + 1)) else None
 
 
-_GAIN_SHAPES = {"ida-pbc": _pair_rows, "state-feedback": _square_rows, "linear": _rectangle_rows}
+_GAINS = {
+    "ida-pbc": (("alpha", "nu", "ki"), _pair_rows),
+    "state-feedback": (("K11", "K12", "K13"), _square_rows),
+    "linear": (("F", "B", "C"), _rectangle_rows),
+}

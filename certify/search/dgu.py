@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from certify.kernel.model import LinearPort
+from certify.kernel.rules import Face
 from certify.search.proposal import Proposal, to_rows, to_text
 from certify.search.storage import find_state_feedback_storage
 
@@ -35,15 +37,19 @@ def propose_dgu(port: LinearPort) -> Iterator[Proposal]:
     if witness:
         s0, u = witness
         yield Proposal("refuted", "frequency-witness", {"s0": to_text(s0), "u": [to_text(x) for x in u]})
-    if family is None:
-        family = Family(port)
-        family.reduce()
+    family = family or Family(port)
+    family.reduce(with_storage=True)
     found = family.contradiction()
     if found:
         data = {
-            "faces": [{"u": to_text(u), "Y": to_rows(Y), "y": [to_text(v) for v in y]} for u, Y, y in found.faces],
+            "faces": [_face(face) for face in found.faces],
             "W": to_rows(found.W),
             "Y": to_rows(found.Y),
             "y": [to_text(v) for v in found.y],
         }
         yield Proposal("refuted", "storage-contradiction", data)
+
+
+def _face(face: Face) -> dict[str, Any]:
+    kind = "storage" if face.of_storage else "dissipation"
+    return {"of": kind, "u": to_text(face.u), "Y": to_rows(face.Y), "y": [to_text(v) for v in face.y]}

@@ -25,13 +25,9 @@ from certify.kernel.linalg import (
     zeros,
 )
 from certify.kernel.model import LinearPort
-from certify.kernel.rules import dissipation
+from certify.kernel.rules import Face, dissipation, face_equation, outer
 
 ZERO = Fraction(0)
-
-
-def outer(a: Vector, b: Vector) -> Matrix:
-    return tuple(tuple(x * y for y in b) for x in a)
 
 
 def symmetric_part_twice(a: Matrix) -> Matrix:
@@ -42,7 +38,7 @@ def symmetric_part_twice(a: Matrix) -> Matrix:
 class Contradiction:
     """Data of the kernel's rule `storage-contradiction`."""
 
-    faces: tuple[tuple[Vector, Matrix, tuple[Vector, ...]], ...]
+    faces: tuple[Face, ...]
     W: Matrix
     Y: Matrix
     y: tuple[Vector, ...]
@@ -53,7 +49,7 @@ class Family:
     """All symmetric P that satisfy the equations found so far: `point` plus any combination of `directions`."""
 
     port: LinearPort
-    faces: list[tuple[Vector, Matrix, tuple[Vector, ...]]] = field(default_factory=list)
+    faces: list[Face] = field(default_factory=list)
     point: Matrix | None = None
     directions: tuple[Matrix, ...] = ()
 
@@ -89,32 +85,29 @@ class Family:
         n = len(self.port.F)
         return tuple(tuple(entries[self.index[min(i, j), max(i, j)]] for j in range(n)) for i in range(n))
 
-    def is_face(self, u: Vector) -> bool:
-        """Whether u' M(P) u vanishes for every P of the family."""
-        if self.point is None:
+    def members(self) -> tuple[Matrix, ...]:
+        """The point and the directions: what vanishes on all of them vanishes on the family."""
+        return () if self.point is None else (self.point, *self.directions)
+
+    def is_face(self, u: Vector, of_storage: bool = False) -> bool:
+        """Whether u' M(P) u, or u' P u, vanishes for every P of the family, and M u or P u does not yet."""
+        if not any(u) or self.point is None:
             return False
-        image = apply(self.port.F, u)
-        return all(
-            not sum((x * y for x, y in zip(apply(P, u), image, strict=True) if x and y), ZERO)
-            for P in (self.point, *self.directions)
-        )
+        image = u if of_storage else apply(self.port.F, u)
+        if any(sum((x * y for x, y in zip(apply(P, u), image, strict=True)), ZERO) for P in self.members()):
+            return False
+        return any(any(apply(P if of_storage else dissipation(self.port.F, P), u)) for P in self.members())
 
-    def is_implied(self, u: Vector) -> bool:
-        """Whether M(P) u = 0 holds on the family already."""
-        return self.point is not None and all(
-            not any(apply(dissipation(self.port.F, P), u)) for P in (self.point, *self.directions)
-        )
-
-    def impose(self, u: Vector) -> None:
-        """Add the equations M u = 0, with the identity that forces them."""
-        image = apply(self.port.F, u)
-        found = self.combination(symmetric_part_twice(outer(image, u)), ZERO)
+    def impose(self, u: Vector, of_storage: bool = False) -> None:
+        """Add the equations M u = 0, or P u = 0, with the identity that forces them."""
+        square = outer(u if of_storage else apply(self.port.F, u), u)
+        found = self.combination(symmetric_part_twice(square), ZERO)
         if found is None:
             raise ArithmeticError("the face is not implied by the equations")
-        self.faces.append((u, *found))
+        self.faces.append(Face(of_storage, u, *found))
         for e in self.unit:
-            A = add(outer(image, e), outer(u, apply(self.port.F, e)))
-            self.equations.append((symmetric_part_twice(A), ZERO))
+            A = symmetric_part_twice(face_equation(self.port.F, self.faces[-1], e))
+            self.equations.append((A, ZERO))
         self._solve()
 
     def combination(self, target: Matrix, b: Fraction | None) -> tuple[Matrix, tuple[Vector, ...]] | None:
@@ -141,43 +134,43 @@ class Family:
         yield from null_space((*C, *(multiply(outside, F) if outside else ())), n)
         yield from transpose(B)
         yield from self.unit
-        for known, _, _ in tuple(self.faces):
-            yield from (tuple(x + y for x, y in zip(known, e, strict=True)) for e in self.unit)
+        for face in tuple(self.faces):
+            yield from (tuple(x + y for x, y in zip(face.u, e, strict=True)) for e in self.unit)
 
-    def reduce(self) -> None:
-        """Impose faces until no candidate gives a new equation or the equations contradict each other."""
-        progress = True
-        while progress and self.point is not None:
-            progress = False
-            for u in self.candidates():
-                if any(u) and self.is_face(u) and not self.is_implied(u):
-                    self.impose(u)
-                    progress = True
-                    break
+    def reduce(self, with_storage: bool = False) -> None:
+        """Impose faces until no candidate gives a new equation or the equations contradict each other.
+
+        Faces of the storage leave only singular P: they are of use for contradictions, not for proofs.
+        """
+        kinds = (False, True) if with_storage else (False,)
+        while self.point is not None:
+            faces = ((u, kind) for kind in kinds for u in self.candidates() if self.is_face(u, kind))
+            first = next(faces, None)
+            if first is None:
+                return
+            self.impose(*first)
 
     def contradiction(self) -> Contradiction | None:
-        """Why no P >= 0 of the family has M(P) >= 0, if the equations or a unique P show it."""
+        """Why no P >= 0 of the family has M(P) >= 0, if the equations or a form with a fixed sign show it."""
         n = len(self.port.F)
         nothing = zeros(n, n)
         if self.point is None:
             found = self.combination(nothing, Fraction(-1))
             return Contradiction(tuple(self.faces), nothing, *found) if found else None
-        if self.directions:
-            return None
         M = dissipation(self.port.F, self.point)
         for form, is_storage in ((self.point, True), (M, False)):
-            x = find_negative_direction(form)
-            if x is None:
-                continue
-            square = outer(x, x)
-            if is_storage:
-                target, W = square, nothing
-            else:
-                product = multiply(self.port.F, square)
-                target, W = scale(-1, symmetric_part_twice(product)), square
-            found = self.combination(target, None)
-            if found:
-                return Contradiction(tuple(self.faces), W, *found)
+            for x in (find_negative_direction(form), *self.unit) if not self.directions else self.unit:
+                if x is None or sum((a * b for a, b in zip(x, apply(form, x), strict=True)), ZERO) >= 0:
+                    continue
+                square = outer(x, x)
+                if is_storage:
+                    target, W = square, nothing
+                else:
+                    product = multiply(self.port.F, square)
+                    target, W = scale(-1, symmetric_part_twice(product)), square
+                found = self.combination(target, None)
+                if found:
+                    return Contradiction(tuple(self.faces), W, *found)
         return None
 
 

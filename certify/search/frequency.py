@@ -146,7 +146,8 @@ def _lines(system: Transfer) -> Iterator[Fraction]:
     """Real parts worth trying when the imaginary axis shows nothing: around each pole, and all over."""
     import numpy
 
-    scale_ = max(1.0, *(abs(float(c)) ** (1 / (len(system.D) - 1 - k)) for k, c in enumerate(system.D[:-1]) if c))
+    sizes = [abs(float(c)) ** (1 / (len(system.D) - 1 - k)) for k, c in enumerate(system.D[:-1]) if c]
+    scale_ = max([1.0, *sizes])
     scaled = [float(c / Fraction(scale_) ** (len(system.D) - 1 - k)) for k, c in enumerate(system.D)]
     poles = [scale_ * complex(z) for z in numpy.roots(scaled[::-1])]
     for k in (1, 3, 6, 10, 15, 20, 30):

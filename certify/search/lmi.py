@@ -8,11 +8,12 @@ from __future__ import annotations
 from fractions import Fraction
 
 from certify.kernel.errors import RuleFailure
-from certify.kernel.linalg import Matrix, add, scale
+from certify.kernel.linalg import Matrix, add, is_positive_semidefinite, scale
 from certify.kernel.rules import dissipation, quadratic_storage
 from certify.search.facial import Family
 from certify.search.solvers import solve_problem
 
+BOUNDS = (1e6, 1e3, 1e10)  # on the coordinates: no single one suits all scales
 ROUNDINGS = (2, 4, 8, 16)  # significant decimal digits tried, coarsest first: small numbers make short certificates
 
 
@@ -26,6 +27,30 @@ def solve_family(family: Family) -> Matrix | None:
         return None
     if not family.directions:
         return _accepted(family, family.point)
+    return _step_exactly(family) or _solve_numerically(family)
+
+
+def _step_exactly(family: Family) -> Matrix | None:
+    """Far along directions that are >= 0 and dissipate nothing, if there are any: M stays, P only grows."""
+    if family.point is None:
+        return None
+    free = [sign_ for D in family.directions for sign_ in (D, scale(-1, D)) if _is_free(family, sign_)]
+    for exponent in range(-3, 16, 3) if free else ():
+        P = family.point
+        for D in free:
+            P = add(P, scale(Fraction(10) ** exponent, D))
+        if _accepted(family, P):
+            return P
+    return None
+
+
+def _is_free(family: Family, D: Matrix) -> bool:
+    return is_positive_semidefinite(D) and not any(any(row) for row in dissipation(family.port.F, D))
+
+
+def _solve_numerically(family: Family) -> Matrix | None:
+    if family.point is None:
+        return None
     import cvxpy
     import numpy
 
@@ -48,18 +73,20 @@ def solve_family(family: Family) -> Matrix | None:
     t, margin = cvxpy.Variable(k), cvxpy.Variable()
     P_t = P_parts[0] + sum(t[i] * (P_parts[i + 1] / unit[i]) for i in range(k))
     M_t = M_parts[0] + sum(t[i] * (M_parts[i + 1] / unit[i]) for i in range(k))
-    constraints = [P_t >> margin * numpy.eye(n), margin <= 1, cvxpy.norm_inf(t) <= 1e6]
+    bound = cvxpy.Parameter(nonneg=True)
+    constraints = [P_t >> margin * numpy.eye(n), margin <= 1, cvxpy.norm_inf(t) <= bound]
     if len(keep):
         constraints.append(M_t >> margin * numpy.eye(len(keep)))
-    if solve_problem(cvxpy.Problem(cvxpy.Maximize(margin), constraints)) is None or t.value is None:
-        return None
-    for digits in ROUNDINGS:
-        P = family.point
-        for value, u, direction in zip(t.value, unit, family.directions, strict=True):
-            P = add(P, scale(round_float(float(value) / u, digits), direction))
-        accepted = _accepted(family, P)
-        if accepted:
-            return accepted
+    problem = cvxpy.Problem(cvxpy.Maximize(margin), constraints)
+    for bound.value in BOUNDS:
+        if solve_problem(problem) is None or t.value is None:
+            continue
+        for digits in ROUNDINGS:
+            P = family.point
+            for value, u, direction in zip(t.value, unit, family.directions, strict=True):
+                P = add(P, scale(round_float(float(value) / u, digits), direction))
+            if _accepted(family, P):
+                return P
     return None
 
 

