@@ -92,7 +92,8 @@ def _summary(claims: tuple[Claim, ...]) -> list[tuple[str, ...]]:
         rules = groups.setdefault((claim.id.split("/")[0], claim.status), {})
         rules[claim.rule or "-"] = rules.get(claim.rule or "-", 0) + 1
     rows: list[tuple[str, ...]] = [("claims", "", "status", "by rule")]
-    for (kind, status), rules in groups.items():
+    order = list(_KINDS)
+    for (kind, status), rules in sorted(groups.items(), key=lambda group: (order.index(group[0][0]), group[0][1])):
         shown = ", ".join(rule if len(rules) == 1 else f"{rule} ({count})" for rule, count in rules.items())
         rows.append((_KINDS[kind], str(sum(rules.values())), status, shown))
     return rows
