@@ -16,7 +16,7 @@ from certify.kernel.linalg import (
     add,
     block,
     identity,
-    is_positive_definite,
+    ldl_pivots,
     multiply,
     scale,
     solve,
@@ -29,6 +29,15 @@ PASSIVE, SEMIDEFINITE, NOT_PASSIVE = "passive", "semidefinite", "not passive"
 I2 = identity(2)
 SPEEDS = (Fraction("314.1592653589793238462643383279502884197"), Fraction("376.99"), Fraction(314), Fraction(0))
 Gains = tuple[Matrix, Matrix, Matrix | None]
+
+
+def is_semidefinite(a: Matrix) -> bool:
+    return ldl_pivots(a)[1]
+
+
+def is_definite(a: Matrix) -> bool:
+    pivots, semidefinite = ldl_pivots(a)
+    return semidefinite and all(pivots)
 
 
 @dataclass(frozen=True)
@@ -184,14 +193,14 @@ def expected_two_axes(plant: Filter, gains: Gains) -> str | None:
         return NOT_PASSIVE
     else:
         X = scale(-1, solve(H, K13))
-        stiff = is_positive_definite(X) if transpose(X) == X else False
+        stiff = is_definite(X) if transpose(X) == X else False
     Bm = add(G, scale(-plant.L, X))
     if transpose(G) != G or not stiff:
         return NOT_PASSIVE
     product = multiply(H, Bm)
     (a, b), (_, d) = scale(-1, add(product, transpose(product)))
     damped = a >= 0 and d >= 0 and a * d >= b * b
-    return PASSIVE if damped and is_positive_definite(Bm) else NOT_PASSIVE
+    return PASSIVE if damped and is_definite(Bm) else NOT_PASSIVE
 
 
 def determinant(a: Matrix) -> Fraction:

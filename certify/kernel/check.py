@@ -10,7 +10,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from typing import Any
@@ -21,7 +21,7 @@ from certify.kernel.linalg import Matrix, Vector, block, identity, scale, zeros
 from certify.kernel.model import LinearPort, LoadLaw, dgu_port, incidence, load_law, node_capacitances
 from certify.kernel.quantity import shorten
 from certify.kernel.reader import unique
-from certify.kernel.spec import Microgrid, Node, SeriesBranch, components, decode
+from certify.kernel.spec import Microgrid, SeriesBranch, components, decode
 
 FORMAT = "certify/certificate@1"
 _RATIONAL = re.compile(r"-?(?:0|[1-9]\d*)(?:/[1-9]\d*)?", re.ASCII)
@@ -61,27 +61,21 @@ def to_text(x: Fraction) -> str:
     return str(x)
 
 
-@dataclass
 class Context:
     """The model of one spec, and what its claims have established so far."""
 
-    grid: Microgrid
-    nodes: dict[str, Node] = field(init=False)
-    capacitances: dict[str, Fraction] = field(init=False)
-    islands: tuple[tuple[str, ...], ...] = field(init=False)
-    lines_from: dict[str, list[str]] = field(init=False)
-    storages: dict[str, tuple[Any, LinearPort, Matrix]] = field(default_factory=dict)  # key, port, M
-    strict_loads: set[str] = field(default_factory=set)
-    status: dict[str, str] = field(default_factory=dict)
-    memo: dict[Any, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.nodes = {node.name: node for node in self.grid.nodes}
-        self.capacitances = node_capacitances(self.grid)
-        self.islands = components(self.nodes, self.grid.lines)
-        self.lines_from = {name: [] for name in self.nodes}
-        for line in self.grid.lines:
+    def __init__(self, grid: Microgrid) -> None:
+        self.grid = grid
+        self.nodes = {node.name: node for node in grid.nodes}
+        self.capacitances = node_capacitances(grid)
+        self.islands = components(self.nodes, grid.lines)
+        self.lines_from: dict[str, list[str]] = {name: [] for name in self.nodes}
+        for line in grid.lines:
             self.lines_from[line.start].append(f"line/{line.name}")
+        self.status: dict[str, str] = {}
+        self.strict_loads: set[str] = set()
+        self.storages: dict[str, tuple[Any, LinearPort, Matrix]] = {}  # what it depends on, the port, M
+        self.memo: dict[Any, Any] = {}
 
     def key(self, name: str) -> Any:
         """What the port of the DGU at this node depends on."""
@@ -184,11 +178,13 @@ def check(spec: bytes, certificate: bytes) -> Verdict:
         raise Rejected("K102", "format", f"this checker reads {FORMAT}")
     if document["spec_sha256"] != hashlib.sha256(spec).hexdigest():
         raise Rejected("K103", "spec_sha256", "the certificate is about another spec, or the spec has changed")
-    return check_claims(grid, document)
+    try:
+        return _check_claims(grid, document)
+    except RecursionError:
+        raise Rejected("K101", "file", "nested too deeply") from None
 
 
-def check_claims(grid: Microgrid, document: dict[str, Any]) -> Verdict:
-    """Check the claims, proofs, ledger and verdict of a certificate that has been read."""
+def _check_claims(grid: Microgrid, document: dict[str, Any]) -> Verdict:
     context = Context(grid)
     expected, proofs = statements(context), document["proofs"]
     listed = document["claims"]

@@ -105,15 +105,6 @@ def ldl_pivots(a: Matrix) -> tuple[Vector, bool]:
     return tuple(pivots), True
 
 
-def is_positive_semidefinite(a: Matrix) -> bool:
-    return ldl_pivots(a)[1]
-
-
-def is_positive_definite(a: Matrix) -> bool:
-    pivots, semidefinite = ldl_pivots(a)
-    return semidefinite and all(pivots)
-
-
 def row_reduce(a: Iterable[Sequence[Fraction]], columns: int) -> tuple[list[list[Fraction]], list[int]]:
     """Reduced row echelon form of A, its zero rows dropped, pivots sought in the first `columns` columns."""
     rows = [list(row) for row in a]

@@ -413,25 +413,20 @@ class Decoder(TableReader):
 
 def components(names: Iterable[str], lines: Iterable[Line]) -> tuple[tuple[str, ...], ...]:
     """The connected components of the network: node names in the order of the spec."""
-    neighbours: dict[str, list[str]] = {name: [] for name in names}
+    parent = {name: name for name in names}
+
+    def root(name: str) -> str:
+        while parent[name] != name:
+            parent[name] = parent[parent[name]]
+            name = parent[name]
+        return name
+
     for line in lines:
-        neighbours[line.start].append(line.end)
-        neighbours[line.end].append(line.start)
-    label: dict[str, int] = {}
-    groups: list[list[str]] = []
-    for first in neighbours:
-        stack = [] if first in label else [first]
-        if stack:
-            label[first] = len(groups)
-            groups.append([])
-        while stack:
-            for other in neighbours[stack.pop()]:
-                if other not in label:
-                    label[other] = label[first]
-                    stack.append(other)
-    for name in neighbours:
-        groups[label[name]].append(name)
-    return tuple(tuple(group) for group in groups)
+        parent[root(line.end)] = root(line.start)
+    groups: dict[str, list[str]] = {}
+    for name in parent:
+        groups.setdefault(root(name), []).append(name)
+    return tuple(tuple(group) for group in groups.values())
 
 
 def _pair_rows(raw: object) -> list[list[Any]] | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 from certify.kernel.errors import RuleFailure
-from certify.kernel.linalg import Matrix, add, is_positive_semidefinite, scale
+from certify.kernel.linalg import Matrix, add, ldl_pivots, scale
 from certify.kernel.rules import dissipation, quadratic_storage
 from certify.search.facial import Family
 from certify.search.solvers import solve_problem
@@ -45,7 +45,7 @@ def _step_exactly(family: Family) -> Matrix | None:
 
 
 def _is_free(family: Family, D: Matrix) -> bool:
-    return is_positive_semidefinite(D) and not any(any(row) for row in dissipation(family.port.F, D))
+    return ldl_pivots(D)[1] and not any(any(row) for row in dissipation(family.port.F, D))
 
 
 def _solve_numerically(family: Family) -> Matrix | None:
