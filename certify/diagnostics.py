@@ -236,6 +236,13 @@ _ALL = (
         "the network: other parts may make up for it.",
         "mend the claims that are not proved",
     ),
+    Diagnostic(
+        "P206",
+        "algebraic loop",
+        "With the capacitance of the lines and the node added, the equations of this linear loop cannot be solved for "
+        "the rates of its states: its C B has an eigenvalue that cancels the capacitance.",
+        "check the signs of B and C: C B is one over the capacitance at the port",
+    ),
     Diagnostic("P205", "undecided", "The rule for this claim does not apply.", "report this: it should not happen"),
     Diagnostic(
         "series-branch",

@@ -127,10 +127,10 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
         for k, branch_ in enumerate(node.branches):
             text = f"series R-L load {k} at node {node.name} is strictly {passive}"
             claims[f"branch/{node.name}/{k}"] = ("branch", branch_), text
-    text = f"{len(grid.nodes)} nodes and {len(grid.lines)} lines are interconnected without loss (skew-symmetric)"
+    text = f"nodes ({len(grid.nodes)}) and lines ({len(grid.lines)}) are interconnected without loss (skew-symmetric)"
     claims["interconnection"] = ("interconnection", None), text
     for island in context.islands:
-        text = f"on the island of node {island[0]} ({len(island)} nodes) nothing moves without dissipation but rest"
+        text = f"on the island of node {island[0]} (nodes: {len(island)}) nothing but rest is without dissipation"
         claims[f"invariant-set/{island[0]}"] = ("island", island), text
     text = "every equilibrium with all load voltages strictly inside their bands is asymptotically stable"
     claims["microgrid"] = ("microgrid", None), text

@@ -39,7 +39,7 @@ def find_claims(grid: Microgrid, progress: Progress | None = None) -> dict[str, 
             proofs[key] = accepted.data
             entry |= {"status": accepted.status, "rule": accepted.rule, "proof": key}
         else:
-            notes[name] = REASONS[subject[0]]
+            notes[name] = _reason(context, subject)
         context.status[name] = entry["status"]
         claims.append(entry)
         if progress:
@@ -74,6 +74,16 @@ def _decide(context: Context, subject: tuple[str, Any], known: dict[Any, Proposa
     if key is not None:
         known[key] = result
     return result
+
+
+def _reason(context: Context, subject: tuple[str, Any]) -> str:
+    """Why a claim stays open, as far as one can tell."""
+    if subject[0] == "dgu":
+        try:
+            context.port(subject[1])
+        except RuleFailure:
+            return "P206"
+    return REASONS[subject[0]]
 
 
 def _content(context: Context, kind: str, what: Any) -> Any:
