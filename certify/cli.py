@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import json
 import os
 import sys
@@ -78,13 +79,14 @@ def build_parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; never a traceback."""
     options = build_parser().parse_args(arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
-        code: int = options.run(options)
-        sys.stdout.flush()
+        with contextlib.redirect_stdout(_Pipe(sys.stdout)):
+            code: int = options.run(options)
+            sys.stdout.flush()
         return code
-    except BrokenPipeError:  # the reader went away; there is nobody to tell
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
@@ -94,6 +96,29 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"internal error: {type(error).__name__}: {error}", file=sys.stderr)
         print("this is a defect of certify; CERTIFY_DEBUG=1 shows where", file=sys.stderr)
         return INTERNAL
+
+
+class _Pipe:
+    """Standard output whose reader may go away: the exit code is still that of the command."""
+
+    def __init__(self, stream: Any) -> None:
+        self.stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+    def write(self, text: str) -> int:
+        return self._attempt(lambda: self.stream.write(text)) or 0
+
+    def flush(self) -> None:
+        self._attempt(self.stream.flush)
+
+    def _attempt(self, action: Callable[[], Any]) -> Any:
+        try:
+            return action()
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
+            return None
 
 
 def run_prove(options: argparse.Namespace) -> int:

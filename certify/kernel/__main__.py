@@ -1,5 +1,6 @@
 """`python -m certify.kernel SPEC CERT`: check a certificate with nothing but the Python standard library."""
 
+import io
 import sys
 from pathlib import Path
 
@@ -34,4 +35,13 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        code = main(sys.argv[1:])
+        sys.stdout.flush()
+    except Exception as error:  # never a code that means a verdict
+        print(f"internal error: {type(error).__name__}: {error}", file=sys.stderr)
+        code = 70
+    sys.exit(code)

@@ -21,10 +21,11 @@ from certify.kernel.linalg import Matrix, Vector, block, identity, scale, zeros
 from certify.kernel.model import LinearPort, LoadLaw, dgu_port, incidence, load_law, node_capacitances
 from certify.kernel.quantity import shorten
 from certify.kernel.reader import unique
-from certify.kernel.spec import Microgrid, SeriesBranch, components, decode
+from certify.kernel.spec import LinearLoop, Microgrid, SeriesBranch, components, decode
 
 FORMAT = "certify/certificate@1"
 _RATIONAL = re.compile(r"-?(?:0|[1-9]\d*)(?:/[1-9]\d*)?", re.ASCII)
+MAX_DIGITS = 1_000  # of one number of a proof
 Fact = tuple[str, Fraction, str]
 
 
@@ -142,12 +143,15 @@ def assumptions(grid: Microgrid) -> list[dict[str, str]]:
     ledger = {
         "balanced": "voltages and currents are balanced three-phase, without zero sequence",
         "synchronous-frame": f"all dq frames turn at exactly w0 = {grid.w0} rad/s and keep their common phase",
-        "parameters": "every R, L, C, gain and load coefficient has exactly the value in the spec",
+        "parameters": "every R, L, C, gain and load coefficient has, and keeps, exactly the value in the spec: "
+        "what a scenario changes is not covered",
         "averaged-inverter": "each inverter applies the voltage that its controller asks for, without delay or ripple",
         "equilibrium": "the statement is about every equilibrium; not claimed: that one exists, how far it attracts",
     }
     if not grid.line_legs_at_dgus:
         ledger["line-legs"] = "the capacitance of the lines at nodes with a DGU is neglected, as the spec asks"
+    if own := [node.name for node in grid.nodes if node.dgu and isinstance(node.dgu.controller, LinearLoop)]:
+        ledger["linear-loop"] = f"z is the voltage of the node and d the current into it, at nodes {', '.join(own)}"
     limited = [node.name for node in grid.nodes if node.dgu and node.dgu.limits_volt]
     if limited:
         ledger["unsaturated"] = f"the inverters with limits do not saturate: nodes {', '.join(limited)}"
@@ -287,11 +291,9 @@ class Data:
 
 
 def _rational(text: str) -> Fraction:
+    rules.require(len(text) <= MAX_DIGITS, "a number has too many digits")
     rules.require(bool(_RATIONAL.fullmatch(text)), f"not a rational number: {shorten(text)}")
-    try:
-        value = Fraction(text)
-    except ValueError:
-        raise RuleFailure("a number has too many digits") from None
+    value = Fraction(text)
     rules.require(str(value) == text, f"not in lowest terms: {shorten(text)}")
     return value
 
@@ -353,10 +355,10 @@ def _load(rule: Callable[..., bool]) -> Callable[[Context, str, Data], tuple[Fac
         arguments: tuple[Any, ...] = ()
         if rule is rules.monotone_enclosure:
             points, bits = data.fields("points", "bits")
-            arguments = (list(points.vector()), bits.scalar().numerator)
+            arguments = (points.vector(), bits.scalar())
         else:
             data.fields()
-        if context.once((rule, law, band, arguments and tuple(arguments[0])), lambda: rule(law, band, *arguments)):
+        if context.once((rule, law, band, arguments), lambda: rule(law, band, *arguments)):
             context.strict_loads.add(name)
         return (("strictly monotone", Fraction(int(name in context.strict_loads)), ""),)
 

@@ -13,10 +13,10 @@ from fractions import Fraction
 
 MAX_DIGITS = 120  # characters in one number
 MAX_EXPONENT = 60  # of a decimal literal
-MAX_BITS = 8192  # numerator or denominator of any value of a formula
+MAX_BITS = 1024  # numerator or denominator of any value of a formula
 MAX_FORMULA = 500  # characters
 
-_NUMBER = r"[+-]?(?:\d[\d_]*\.?[\d_]*|\.\d+)(?:[eE][+-]?\d+)?"
+_NUMBER = r"[+-]?(?:\d+(?:_\d+)*(?:\.(?:\d+(?:_\d+)*)?)?|\.\d+)(?:[eE][+-]?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*([^\s\d+\-.][^\s]*)?\s*", re.ASCII | re.DOTALL)
 _PREFIXES = {"f": -15, "p": -12, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "k": 3, "M": 6, "G": 9, "T": 12}
 _BASES = {"ohm", "H", "F", "S", "V", "A", "W", "var", "VA", "Hz", "s", "m"}
@@ -36,8 +36,13 @@ class QuantityError(ValueError):
 
 
 def shorten(text: object, limit: int = 40) -> str:
-    """A value as it may appear in a message: printable, quoted, not too long."""
-    shown = ascii(text) if not isinstance(text, NumberText) else str(text)
+    """A value as it may appear in a message: printable, quoted, not too long; of anything nested only the type."""
+    if isinstance(text, str):
+        shown = str(text) if isinstance(text, NumberText) else ascii(text)
+    elif isinstance(text, bool | None) or (isinstance(text, int) and text.bit_length() < 200):
+        shown = str(text)
+    else:
+        shown = f"a {type(text).__name__}"
     return shown if len(shown) <= limit else f"{shown[: limit - 3]}... ({len(shown)} characters)"
 
 
@@ -161,7 +166,8 @@ def parse_formula(value: object) -> Formula:
     Fraction(-4, 5)
     """
     if isinstance(value, NumberText) or not isinstance(value, str):
-        return Formula(str(value), (parse_quantity(value, "", {}),), frozenset())
+        constant = parse_quantity(value, "", {})
+        return Formula(str(value), (constant,), frozenset())
     if len(value) > MAX_FORMULA:
         raise QuantityError("S205", f"formula of {len(value)} characters; at most {MAX_FORMULA} are read")
     output: list[Fraction | str] = []

@@ -16,8 +16,10 @@ from typing import Any
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import NumberText, QuantityError, parse_quantity, shorten
 
-MAX_BYTES = 1 << 28
+MAX_BYTES = 1 << 25
+MAX_TOML_BYTES = 1 << 22
 MAX_TOML_LINE = 20_000
+MAX_DOTS = 50  # in a key or a line of an array: deeper keys cost the parser quadratic time
 MAX_FAULTS = 500
 NAME = re.compile(r"\w(?:[\w .:+-]{0,62}\w)?")
 REQUIRED = object()  # in place of a default
@@ -52,8 +54,11 @@ def read_document(data: bytes) -> Any:
             number: Any = NumberText
             hooks = {"parse_float": number, "parse_int": number, "parse_constant": number, "object_pairs_hook": unique}
             return json.loads(text, **hooks)
+        if len(data) > MAX_TOML_BYTES:
+            raise refuse("S003", f"{len(data)} bytes of TOML; use JSON of the same shape")
         for row, line in enumerate(text.split("\n"), 1):
-            if len(line) > MAX_TOML_LINE or line.count(".") > MAX_TOML_LINE // 10:
+            keys = line.split("=") if "{" in line else line.split("=")[:1]
+            if len(line) > MAX_TOML_LINE or max(key.count(".") for key in keys) > MAX_DOTS:
                 raise refuse("S003", f"line {row} is absurdly long; break it, or use JSON of the same shape")
         return tomllib.loads(text, parse_float=NumberText)
     except UnicodeDecodeError as error:
@@ -74,13 +79,6 @@ def keep(raw: Any, _: str) -> Any:
     return raw
 
 
-def _near(name: object, known: Iterable[str]) -> str:
-    names = list(known)[:300]
-    near = difflib.get_close_matches(str(name)[:60], names, 1)
-    listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    return f"did you mean {near[0]!r}?" if near else f"known here: {listed}" if names else "none is defined"
-
-
 class TableReader:
     """Readers that note faults and go on; `per_unit` says what 1 pu of each unit is."""
 
@@ -92,6 +90,14 @@ class TableReader:
         self.faults.append(Fault(code, path, message))
         if len(self.faults) >= MAX_FAULTS:
             raise SpecError((*self.faults, Fault("S108", "", f"more than {MAX_FAULTS} faults; the rest is not listed")))
+
+    def near(self, name: object, known: Iterable[str]) -> str:
+        """What was perhaps meant; only for the first faults, because comparing names costs time."""
+        names = list(known)[:30]
+        alike = isinstance(name, str) and len(self.faults) < 20
+        near = difflib.get_close_matches(name[:60], names, 1) if alike else []  # type: ignore[index]
+        listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+        return f"did you mean {near[0]!r}?" if near else f"known here: {listed}" if names else "none is defined"
 
     def attempt(self, path: str, read: Callable[[], Any]) -> Any:
         try:
@@ -108,12 +114,17 @@ class TableReader:
         dot, values = f"{path}." if path else "", {}
         for key in raw:
             if key not in schema:
-                self.fault("S101", f"{dot}{shown(key)}", f"unknown key; {_near(key, schema)}")
+                self.fault("S101", f"{dot}{shown(key)}", f"unknown key; {self.near(key, schema)}")
         for key, (read, default) in schema.items():
             if key not in raw and default is REQUIRED:
                 self.fault("S102", f"{dot}{key}", "this key is missing")
-            values[key] = read(raw[key], f"{dot}{key}") if key in raw else None if default is REQUIRED else default
-        return values
+            elif key in raw and raw[key] is None:
+                self.fault("S103", f"{dot}{key}", "null is no value; leave the key out")
+            elif key in raw:
+                values[key] = read(raw[key], f"{dot}{key}")
+            else:
+                values[key] = default
+        return {key: values.get(key) for key in schema}
 
     def named(self, raw: object, path: str, read: Reader) -> dict[str, Any]:
         """A table whose keys are names: each entry, read."""
@@ -140,7 +151,7 @@ class TableReader:
         def read(raw: object, path: str) -> str | None:
             if isinstance(raw, str) and raw in known:
                 return raw
-            self.fault(code, path, f"no {kind} {shorten(raw)}; {_near(raw, known)}")
+            self.fault(code, path, f"no {kind} {shorten(raw)}; {self.near(raw, known)}")
             return None
 
         return read

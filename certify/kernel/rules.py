@@ -212,13 +212,13 @@ def jacobian_enclosure(law: LoadLaw, low: Fraction, high: Fraction, bits: int) -
     return G, (product[0] - square[1] / 4, product[1] - least / 4)
 
 
-def monotone_enclosure(law: LoadLaw, band: Pair, points: Sequence[Fraction], bits: int) -> bool:
+def monotone_enclosure(law: LoadLaw, band: Pair, points: Sequence[Fraction], bits: Fraction) -> bool:
     """Rule `monotone-enclosure`: G > 0 and D > 0 on every cell between consecutive points. Always strict."""
-    require(points[:1] == [band[0]] and points[-1:] == [band[1]], "the points do not span the band")
+    require(len(points) > 1 and (points[0], points[-1]) == band, "the points do not span the band")
     require(all(a < b for a, b in pairwise(points)), "the points do not increase")
-    require(64 <= bits <= PRECISIONS[-1] and len(points) <= 100_000, "the precision or number of points is absurd")
+    require(bits in (64, 160, 400) and bits * len(points) <= 1 << 19, "the precision or number of points is absurd")
     for low, high in pairwise(points):
-        G, D = jacobian_enclosure(law, low, high, bits)
+        G, D = jacobian_enclosure(law, low, high, bits.numerator)
         require(G[0] > 0 and D[0] > 0, f"G or D may not be positive between {low} V and {high} V")
     return True
 

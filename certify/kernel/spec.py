@@ -13,7 +13,7 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
-from certify.kernel.errors import SpecError
+from certify.kernel.errors import Fault, SpecError
 from certify.kernel.linalg import Matrix
 from certify.kernel.quantity import Formula, parse_formula, shorten
 from certify.kernel.reader import REQUIRED, Pair, Reader, Schema, TableReader, keep, read_document, shown
@@ -147,7 +147,10 @@ class Microgrid:
 
 def decode(data: bytes) -> Microgrid:
     """The microgrid that a spec file describes. Raises: SpecError with every fault found."""
-    return Decoder(read_document(data)).microgrid()
+    try:
+        return Decoder(read_document(data)).microgrid()
+    except RecursionError:
+        raise SpecError((Fault("S003", "", "nested too deeply; a spec needs no more than six levels"),)) from None
 
 
 class Decoder(TableReader):

@@ -20,6 +20,7 @@ from certify.kernel.poly import Polynomial, to_polynomial
 from certify.kernel.rules import frequency_witness
 from certify.search.roots import find_negative_point, round_to_digits
 
+MAX_EXACT_DEGREE = 10  # beyond it the exact polynomials take minutes
 Complex = tuple[Fraction, Fraction]
 Witness = tuple[Complex, tuple[Complex, ...]]
 
@@ -59,6 +60,8 @@ def find_frequency_witness(port: LinearPort) -> Witness | None:
 
 def _candidates(system: Transfer) -> Iterator[Complex]:
     yield from _sweep(system)
+    if len(system.D) > MAX_EXACT_DEGREE + 1:
+        return
     on_axis = _negative_frequency(system, Fraction(0))
     if on_axis is not None:
         yield from ((on_axis / 10**k, on_axis) for k in range(0, 140, 2))

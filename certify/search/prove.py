@@ -58,13 +58,11 @@ def _decide(context: Context, subject: tuple[str, Any], known: dict[Any, Proposa
     kind, what = subject
     key = _content(context, kind, what)
     if key in known:
-        proposals = iter(() if known[key] is None else (known[key],))
+        proposals = iter([] if known[key] is None else [known[key]])
     else:
         proposals = propose(context, kind, what)
     result = None
-    for proposal in proposals:
-        if proposal is None:
-            continue
+    for proposal in _until_exhausted(proposals):
         try:
             RULES[kind, proposal.status, proposal.rule](context, what, Data(proposal.data))
         except RuleFailure:
@@ -74,6 +72,14 @@ def _decide(context: Context, subject: tuple[str, Any], known: dict[Any, Proposa
     if key is not None:
         known[key] = result
     return result
+
+
+def _until_exhausted(proposals: Iterator[Proposal | None]) -> Iterator[Proposal]:
+    """The proposals up to the first that numbers out of the range of floats prevent: the claim stays open then."""
+    try:
+        yield from (proposal for proposal in proposals if proposal is not None)
+    except (ArithmeticError, ValueError):
+        return
 
 
 def _reason(context: Context, subject: tuple[str, Any]) -> str:
