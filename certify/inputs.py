@@ -8,7 +8,7 @@ from typing import Any
 
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.reader import MAX_BYTES, read_document
-from certify.kernel.spec import Decoder, Microgrid
+from certify.kernel.spec import Microgrid, decode_document
 
 
 def read(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
@@ -38,7 +38,7 @@ def decode_all(data: bytes) -> Microgrid:
     faults: list[Fault] = []
     grid = None
     try:
-        grid = Decoder(document).microgrid()
+        grid = decode_document(document)
     except SpecError as error:
         faults += error.faults
     raw: Any = document.get("scenario")

@@ -302,6 +302,16 @@ def test_scenario(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert path in message
 
 
+def test_scenario_in_per_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "spec.toml"
+    text = GOOD.replace("base_voltage", 'base_power = "1 MVA"\nbase_voltage', 1)
+    file.write_text(
+        f'{text}\n[scenario.x]\nend = 2\nevent = [{{ at = 1, load = "b", set = {{ Y = ["0.1 pu", 0] }} }}]\n'
+    )
+    assert main(["prove", str(file)]) == 1  # read without fault; the gains are no better
+    capsys.readouterr()
+
+
 def test_scenario_faults_join_the_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "spec.toml"
     file.write_text(GOOD.replace('"1.8 mH"', '"1.8 mF"') + '\n[scenario.x]\nstart = "warm"\n')

@@ -147,8 +147,13 @@ class Microgrid:
 
 def decode(data: bytes) -> Microgrid:
     """The microgrid that a spec file describes. Raises: SpecError with every fault found."""
+    return decode_document(read_document(data))
+
+
+def decode_document(document: Any) -> Microgrid:
+    """As `decode`, for a document that has been parsed already."""
     try:
-        return Decoder(read_document(data)).microgrid()
+        return Decoder(document).microgrid()
     except RecursionError:
         raise SpecError((Fault("S003", "", "nested too deeply; a spec needs no more than six levels"),)) from None
 

@@ -56,6 +56,12 @@ def decode_scenarios(document: dict[str, Any]) -> dict[str, Scenario]:
 class _ScenarioDecoder(Decoder):
     def __init__(self, document: dict[str, Any]) -> None:
         super().__init__(document)
+        self.w0 = self.frequency(document.get("frequency"), "") or Fraction(1)
+        bases = {"base_voltage": "V", "base_power": "VA"}
+        self.bases(
+            *(self.unit(unit, "> 0")(document[key], "") if key in document else None for key, unit in bases.items())
+        )
+        self.faults.clear()  # of these keys the decoder of the microgrid tells
         nodes = document.get("node")
         self.nodes: dict[str, Any] = nodes if isinstance(nodes, dict) else {}
         self.dgus = {name: node for name, node in self.nodes.items() if isinstance(node, dict) and "dgu" in node}
