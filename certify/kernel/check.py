@@ -285,6 +285,7 @@ class Data:
         return _rational(self.text())
 
     def matrix(self) -> Matrix:
+        rules.require(sum(len(row.text()) for row in self.items()) <= 100 * MAX_DIGITS, "a matrix has too many digits")
         rows = tuple(row.vector() for row in self.items())
         rules.require(len({len(row) for row in rows}) <= 1, "the rows of a matrix differ in length")
         return rows

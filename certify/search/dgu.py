@@ -11,6 +11,9 @@ from certify.search.proposal import Proposal, to_rows, to_text
 from certify.search.storage import find_state_feedback_storage
 
 
+MAX_CONTRADICTION_STATES = 10  # identities among the entries of P take minutes beyond it
+
+
 def propose_dgu(port: LinearPort) -> Iterator[Proposal]:
     """Closed form, then facial reduction with the LMI, then witnesses against every storage function.
 
@@ -37,6 +40,8 @@ def propose_dgu(port: LinearPort) -> Iterator[Proposal]:
     if witness:
         s0, u = witness
         yield Proposal("refuted", "frequency-witness", {"s0": to_text(s0), "u": [to_text(x) for x in u]})
+    if len(port.F) > MAX_CONTRADICTION_STATES:
+        return
     family = family or Family(port)
     family.reduce(with_storage=True)
     found = family.contradiction()
