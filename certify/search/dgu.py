@@ -10,7 +10,6 @@ from certify.kernel.rules import Face
 from certify.search.proposal import Proposal, to_rows, to_text
 from certify.search.storage import find_state_feedback_storage
 
-
 MAX_CONTRADICTION_STATES = 10  # identities among the entries of P take minutes beyond it
 
 

@@ -55,7 +55,7 @@ class Family:
 
     def __post_init__(self) -> None:
         n, m = len(self.port.F), len(self.port.C)
-        self.unit = identity(n)
+        self.unit, self.F_transposed = identity(n), transpose(self.port.F)
         self.index = {pair: k for k, pair in enumerate((i, j) for i in range(n) for j in range(i, n))}
         # One equation tr(P A) = b for each entry of Y, then for each entry of each face's multiplier.
         self.equations: list[tuple[Matrix, Fraction]] = []
@@ -96,7 +96,11 @@ class Family:
         image = u if of_storage else apply(self.port.F, u)
         if any(sum((x * y for x, y in zip(apply(P, u), image, strict=True)), ZERO) for P in self.members()):
             return False
-        return any(any(apply(P if of_storage else dissipation(self.port.F, P), u)) for P in self.members())
+        if of_storage:
+            return any(any(apply(P, u)) for P in self.members())
+        # M u = -(F' P u + P F u)
+        pairs = ((apply(self.F_transposed, apply(P, u)), apply(P, image)) for P in self.members())
+        return any(x + y for parts in pairs for x, y in zip(*parts, strict=True))
 
     def impose(self, u: Vector, of_storage: bool = False) -> None:
         """Add the equations M u = 0, or P u = 0, with the identity that forces them."""
