@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from certify import __version__
+from certify.inputs import decode_all
 from certify.kernel.check import FORMAT, Verdict, check
-from certify.kernel.spec import Microgrid, decode
+from certify.kernel.spec import Microgrid
 from certify.search.prove import Progress, find_claims
 
 
@@ -36,7 +37,7 @@ def prove(spec: bytes, progress: Progress | None = None) -> Certificate:
     Raises: SpecError if the spec is not well formed; Rejected if the kernel turns the result down, which is a defect
     of the search and never a wrong verdict.
     """
-    return prove_grid(spec, decode(spec), progress)
+    return prove_grid(spec, decode_all(spec), progress)
 
 
 def prove_grid(spec: bytes, grid: Microgrid, progress: Progress | None = None) -> Certificate:

@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 from certify import __version__
 from certify.kernel.errors import Fault, Rejected, SpecError
 
-EXIT_CODES = {"certified": 0, "refuted": 1, "bad input": 2, "unknown": 3, "conditional": 3, "rejected": 4}
+EXIT_CODES = {"certified": 0, "refuted": 1, "bad input": 2, "unknown": 3, "rejected": 4}
 USAGE, INTERNAL = 2, 70
 # Of many outcomes the gate reports the worst: what cannot be trusted, then what cannot be read, then the verdicts.
 WORST_FIRST = (4, 2, 1, 3, 0)
@@ -65,7 +65,12 @@ def build_parser() -> argparse.ArgumentParser:
     check.add_argument("certificate", metavar="CERT", help="the certificate")
     check.add_argument("--all", action="store_true", help="list every claim")
 
-    gate = command("gate", run_gate, "prove many specs; the exit code is for CI", "certify gate specs/*.toml")
+    gate = command(
+        "gate",
+        run_gate,
+        "prove many specs; the exit code is the worst of all: 4, then 2, 1, 3, 0",
+        "certify gate specs/cigre-mv.toml specs/two-inverters.toml",
+    )
     gate.add_argument("specs", metavar="SPEC", nargs="+", help="microgrids, TOML or JSON")
 
     explain = command(
@@ -79,13 +84,11 @@ def build_parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; never a traceback."""
     options = build_parser().parse_args(arguments)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
     try:
-        with contextlib.redirect_stdout(_Pipe(sys.stdout)):
+        with contextlib.redirect_stdout(_Pipe(sys.stdout)), contextlib.redirect_stderr(_Pipe(sys.stderr)):
             code: int = options.run(options)
             sys.stdout.flush()
+            sys.stderr.flush()
         return code
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
@@ -98,33 +101,41 @@ def main(arguments: list[str] | None = None) -> int:
         return INTERNAL
 
 
-class _Pipe:
-    """Standard output whose reader may go away: the exit code is still that of the command."""
+class _Pipe(io.TextIOBase):
+    """An output stream that may be closed, full or unable to show a letter: the exit code is still the command's."""
 
     def __init__(self, stream: Any) -> None:
         self.stream = stream
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.stream, name)
+    def isatty(self) -> bool:
+        return self.stream is not None and bool(self.stream.isatty())
+
+    def fileno(self) -> int:
+        return int(self.stream.fileno())
 
     def write(self, text: str) -> int:
-        return self._attempt(lambda: self.stream.write(text)) or 0
+        self._attempt(lambda: self.stream.write(text))
+        return len(text)
 
     def flush(self) -> None:
-        self._attempt(self.stream.flush)
+        self._attempt(lambda: self.stream.flush())
 
-    def _attempt(self, action: Callable[[], Any]) -> Any:
+    def _attempt(self, action: Callable[[], Any]) -> None:
+        if self.stream is None:
+            return
         try:
-            return action()
-        except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
-            return None
+            action()
+        except OSError:  # nobody reads, or there is no room: nothing more can be said here
+            with contextlib.suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
 
 
 def run_prove(options: argparse.Namespace) -> int:
     from certify.certificate import write_atomically
 
-    output = Path(options.output) if options.output else None
+    output = Path(options.output) if options.output is not None else None
     if output is not None:
         same = output.exists() and Path(options.spec).exists() and output.samefile(options.spec)
         if same or output.is_dir() or not output.parent.is_dir():
@@ -134,6 +145,8 @@ def run_prove(options: argparse.Namespace) -> int:
         certificate = _prove(options.spec)
     except SpecError as error:
         return _bad_input(options, error.faults)
+    except Rejected as rejection:  # a defect of the search, stopped by the kernel
+        return _rejected(options, rejection)
     if output is not None:
         try:
             write_atomically(output, certificate.data)
@@ -143,21 +156,24 @@ def run_prove(options: argparse.Namespace) -> int:
 
 
 def run_check(options: argparse.Namespace) -> int:
+    return _checked(options, options.certificate, lambda verdict, notes: _report(options, verdict, notes, {}))
+
+
+def _checked(options: argparse.Namespace, certificate: str, then: Callable[[Any, dict[str, str]], int]) -> int:
+    """Read both files, check, and report faults under the name of the file that has them."""
     from certify.inputs import read
     from certify.kernel.check import check
 
+    file = certificate
     try:
-        spec = read(options.spec)
-        try:
-            certificate = read(options.certificate)
-        except SpecError as error:
-            return _bad_input(options, error.faults, options.certificate)
-        verdict = check(spec, certificate)
+        data = read(certificate)
+        file = options.spec
+        verdict = check(read(options.spec), data)
     except SpecError as error:
-        return _bad_input(options, error.faults)
+        return _bad_input(options, error.faults, file)
     except Rejected as rejection:
         return _rejected(options, rejection)
-    return _report(options, verdict, _notes(certificate), {})
+    return then(verdict, _notes(data))
 
 
 def run_gate(options: argparse.Namespace) -> int:
@@ -168,7 +184,10 @@ def run_gate(options: argparse.Namespace) -> int:
         try:
             certificate = _prove(spec)
         except SpecError as error:
-            entry |= {"outcome": "bad input", "detail": [f"{f.code} {f.path}: {f.message}" for f in error.faults]}
+            entry |= {
+                "outcome": "bad input",
+                "detail": [f"{f.code} {f.path}: {f.message}".replace(" : ", ": ") for f in error.faults],
+            }
         except Rejected as error:
             entry |= {"outcome": "rejected", "detail": [str(error)]}
         else:
@@ -200,27 +219,26 @@ def run_explain(options: argparse.Namespace) -> int:
         print(json.dumps(vars(DIAGNOSTICS[subject]), indent=1) if options.json else explain(subject))
         return 0
     if not Path(subject).exists():
-        known = ", ".join(DIAGNOSTICS)
-        message = f"{subject!r} is neither a file nor a code; codes and rules: {known}"
-        return _bad_input(options, (Fault("U001", "CODE|CERT", message),))
+        import difflib
+
+        near = difflib.get_close_matches(subject.upper(), DIAGNOSTICS, 3) + difflib.get_close_matches(
+            subject, DIAGNOSTICS, 3
+        )
+        known = f"did you mean {' or '.join(near)}?" if near else f"codes and rules: {', '.join(DIAGNOSTICS)}"
+        message = f"{subject!r} is neither a file nor a code; {known}"
+        return _bad_input(options, (Fault("U001", "CODE|CERT", message),), "explain")
     if options.spec is None:
         message = "a certificate is told with its spec, because nothing in it is believed unchecked"
-        return _bad_input(options, (Fault("U001", "SPEC", message),))
-    from certify.inputs import read
-    from certify.kernel.check import check
+        return _bad_input(options, (Fault("U001", "SPEC", message),), "explain")
     from certify.report.text import tell
 
-    try:
-        certificate = read(subject)
-        verdict = check(read(options.spec), certificate)
-    except SpecError as error:
-        return _bad_input(options, error.faults)
-    except Rejected as rejection:
-        return _rejected(options, rejection)
-    if options.json:
-        return _report(options, verdict, _notes(certificate), {})
-    print(tell(verdict, f"{subject}, checked against {options.spec}: {verdict.outcome}"))
-    return EXIT_CODES[verdict.outcome]
+    def told(verdict: Any, notes: dict[str, str]) -> int:
+        if options.json:
+            return _report(options, verdict, notes, {"certificate": subject})
+        print(tell(verdict, f"{subject}, checked against {options.spec}: {verdict.outcome}"))
+        return EXIT_CODES[verdict.outcome]
+
+    return _checked(options, subject, told)
 
 
 def _prove(path: str) -> Any:
@@ -289,16 +307,14 @@ def _report(options: argparse.Namespace, verdict: Any, notes: dict[str, str], mo
 
 
 def _bad_input(options: argparse.Namespace, faults: tuple[Fault, ...], file: str | None = None) -> int:
+    name = file or getattr(options, "spec", None) or options.command
     if options.json:
         from certify.report.machine import faults_to_dict
 
-        print(
-            json.dumps({"spec": getattr(options, "spec", None), **faults_to_dict(faults), "exit_code": USAGE}, indent=1)
-        )
+        print(json.dumps({"file": name, **faults_to_dict(faults), "exit_code": USAGE}, indent=1))
     else:
         from certify.report.text import render_faults
 
-        name = file or getattr(options, "spec", None) or options.command
         print(render_faults(faults, name, sys.stderr.isatty()), file=sys.stderr)
     return USAGE
 

@@ -95,13 +95,13 @@ _ALL = (
         "S202",
         "absurd size",
         "Numbers are bounded in length, exponent and value, so that hostile input costs nothing.",
-        "at most 120 characters, exponents up to 60",
+        "the message names the bound",
     ),
     Diagnostic(
         "S203",
         "wrong unit",
         "The unit must measure what the key asks for; prefixes f to T may stand before it.",
-        "ohm, H, F, S, V, A, W, var, VA, Hz, s, m, and per metre for lines; a bare number is SI",
+        "ohm, H, F, S, V, A, W, var, VA, Hz, s, m, pu, per metre for lines, % for pure numbers; a bare number is SI",
         'R = "0.343 ohm/km"',
     ),
     Diagnostic(
@@ -131,7 +131,7 @@ _ALL = (
         "wrong sign",
         "Inductances, capacitances, lengths, voltages of a band and the resistance of a line are positive; "
         "a filter's resistance may be zero.",
-        "check the sign",
+        "check the sign, and that it is not zero",
     ),
     Diagnostic(
         "S301", "line to nowhere", "Both ends of a line are names of nodes.", "define the node, or mend the name"
@@ -243,7 +243,12 @@ _ALL = (
         "the rates of its states: its C B has an eigenvalue that cancels the capacitance.",
         "check the signs of B and C: C B is one over the capacitance at the port",
     ),
-    Diagnostic("P205", "undecided", "The rule for this claim does not apply.", "report this: it should not happen"),
+    Diagnostic(
+        "P205",
+        "undecided",
+        "The rule for this claim does not apply.",
+        "the rule always applies: this is a defect of the tool",
+    ),
     Diagnostic(
         "series-branch",
         "proof rule: series branch",
@@ -259,7 +264,7 @@ _ALL = (
     ),
     Diagnostic(
         "frequency-witness",
-        "refutation: a growing oscillation that is fed nothing",
+        "refutation: a growing oscillation that gives power away",
         "At a point s0 of the right half-plane a current u exp(s0 t) takes power out of the DGU although it grows from "
         "rest: Re(u* Z(s0) u) < 0. No storage function of any kind can allow that. It refutes passivity of this part, "
         "not stability of the network.",

@@ -194,6 +194,37 @@ def test_a_closed_pipe_does_not_change_the_exit_code(arguments: list[str], code:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize("module", ["certify", "certify.kernel"])
+@pytest.mark.parametrize(
+    "redirect", [">/dev/full 2>&1", ">&- 2>&-", "2>/dev/full", "2>&1 | true; exit ${PIPESTATUS[0]}"]
+)
+def test_streams_that_fail_never_make_a_verdict_of_bad_input(module: str, redirect: str) -> None:
+    """With standard error closed, bad input exited with 1, which means refuted."""
+    spec = "specs/negative/many-faults.toml"
+    arguments = f"prove {spec}" if module == "certify" else f"{spec} {spec}"
+    command = f"{sys.executable} -m {module} {arguments} {redirect}"
+    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, check=False)
+    assert done.returncode in ({2} if module == "certify" else {2, 70, 120}), done.stderr
+
+
+def test_faults_name_the_file_that_has_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from certify.cli import main
+
+    good, missing = "specs/cigre-mv.toml", str(tmp_path / "missing.json")
+    for arguments in (["check", good, missing], ["explain", str(tmp_path), good]):
+        assert main(arguments) == 2
+        assert good not in capsys.readouterr().err
+    assert main(["check", good, missing, "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["file"] == missing
+
+
+def test_the_library_refuses_what_the_command_refuses() -> None:
+    spec = (ROOT / "specs" / "two-inverters.toml").read_text()
+    bad = f'{spec}\n[scenario.x]\nend = 1\nevent = [{{ at = 0.5, connect = "nosuch" }}]\n'
+    with pytest.raises(SpecError, match="S306"):
+        prove(bad.encode())
+
+
 def test_output_that_cannot_show_a_name(tmp_path: Path) -> None:
     spec = {**HEAD, "controller": {"x": LOOP}, "node": {"\u03a9": {"dgu": {"controller": "x", "reference": [1, 0]}}}}
     data = json.dumps(spec).encode()

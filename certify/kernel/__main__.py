@@ -1,5 +1,6 @@
 """`python -m certify.kernel SPEC CERT`: check a certificate with nothing but the Python standard library."""
 
+import contextlib
 import io
 import sys
 from pathlib import Path
@@ -42,6 +43,7 @@ if __name__ == "__main__":
         code = main(sys.argv[1:])
         sys.stdout.flush()
     except Exception as error:  # never a code that means a verdict
-        print(f"internal error: {type(error).__name__}: {error}", file=sys.stderr)
         code = 70
+        with contextlib.suppress(Exception):
+            print(f"internal error: {type(error).__name__}: {error}", file=sys.stderr)
     sys.exit(code)

@@ -50,16 +50,17 @@ class Verdict:
 
 
 def to_text(x: Fraction) -> str:
-    """A rational for people and statements: a decimal if it has a finite one of reasonable length.
+    """A rational for people and statements: a decimal if it has a short one, else its first twelve digits or so.
 
     >>> to_text(Fraction(1, 8)), to_text(Fraction(1, 3))
-    ('0.125', '1/3')
+    ('0.125', 'about 333333333333e-12')
     """
     for places in range(19):
         if (10**places) % x.denominator == 0:
             whole, digits = divmod(abs(x.numerator) * (10**places // x.denominator), 10**places)
             return f"{'-' if x < 0 else ''}{whole}" + (f".{digits:0{places}d}" if places else "")
-    return str(x)
+    exponent = len(str(abs(x.numerator))) - len(str(x.denominator)) - 12
+    return f"about {round(x / Fraction(10) ** exponent)}e{exponent}"
 
 
 class Context:
@@ -142,7 +143,7 @@ def assumptions(grid: Microgrid) -> list[dict[str, str]]:
     """The ledger: what the proof takes as given. None of these can be discharged by the tool."""
     ledger = {
         "balanced": "voltages and currents are balanced three-phase, without zero sequence",
-        "synchronous-frame": f"all dq frames turn at exactly w0 = {grid.w0} rad/s and keep their common phase",
+        "synchronous-frame": f"all dq frames turn at w0 = {to_text(grid.w0)} rad/s (2 pi f to 40 digits) in phase",
         "parameters": "every R, L, C, gain and load coefficient has, and keeps, exactly the value in the spec: "
         "what a scenario changes is not covered",
         "averaged-inverter": "each inverter applies the voltage that its controller asks for, without delay or ripple",
@@ -335,7 +336,11 @@ def _frequency(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
     parts = [entry.vector() for entry in u.items()]
     rules.require(all(len(x) == 2 for x in (point, *parts)), "a complex number has two parts")
     value = rules.frequency_witness(context.port(name), (point[0], point[1]), [(x[0], x[1]) for x in parts])
-    return (("Re s0", point[0], "1/s"), ("Im s0", point[1], "rad/s"), ("Re(u* Z(s0) u)", value, "ohm"))
+    facts = [("Re s0", point[0], "1/s"), ("Im s0", point[1], "rad/s")]
+    facts += [
+        (f"{part} u[{k}]", x, "A") for k, entry in enumerate(parts) for part, x in zip(("Re", "Im"), entry, strict=True)
+    ]
+    return (*facts, ("Re(u* Z(s0) u)", value, "ohm"))
 
 
 def _contradiction(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
@@ -347,7 +352,7 @@ def _contradiction(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
         vectors = tuple(v.vector() for v in face_y.items())
         chain.append(rules.Face(kind.text() == "storage", u.vector(), face_Y.matrix(), vectors))
     rules.storage_contradiction(context.port(name), chain, W.matrix(), Y.matrix(), [v.vector() for v in y.items()])
-    return (("faces", Fraction(len(chain)), ""),)
+    return (("identities in the chain", Fraction(len(chain) + 1), ""),)
 
 
 def _load(rule: Callable[..., bool]) -> Callable[[Context, str, Data], tuple[Fact, ...]]:
@@ -371,7 +376,8 @@ def _pair(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
     ends = pair.vector()
     rules.require(len(ends) == 2, "a pair has two voltages")
     rules.voltage_pair(*context.law(name), v.scalar(), (ends[0], ends[1]), t.scalar())
-    return (("linearisation not passive at", v.scalar(), "V"), *(("voltage of the pair", e, "V") for e in ends))
+    facts = [("linearisation not passive at", v.scalar(), "V"), *(("voltage of the pair", e, "V") for e in ends)]
+    return (*facts, ("tangent of half the angle between them", t.scalar(), ""))
 
 
 def _interconnection(context: Context, _: None, data: Data) -> tuple[Fact, ...]:

@@ -69,8 +69,9 @@ def unit_factor(unit: str, wanted: str, per_unit: Mapping[str, Fraction]) -> Fra
     if unit == "pu":
         if wanted in per_unit:
             return per_unit[wanted]
-        needs = "base_voltage" if wanted == "V" else "base_voltage and base_power"
-        raise QuantityError("S204", f"pu is not defined for a value in {wanted or 'no unit'}; it needs {needs}")
+        needs = {"V": "; it needs base_voltage"}.get(wanted, "; it needs base_voltage and base_power")
+        hint = needs if wanted in _BASES - {"Hz", "s", "m"} else ""
+        raise QuantityError("S204", f"pu is not defined for a value in {wanted or 'no unit'}{hint}")
     parts = unit.replace("\u03a9", "ohm").replace("\u2126", "ohm").split("/")
     expected = wanted.split("/") if wanted else []
     result, sign = Fraction(1), 1
@@ -83,7 +84,7 @@ def unit_factor(unit: str, wanted: str, per_unit: Mapping[str, Fraction]) -> Fra
             sign = -1
         else:
             return result
-    known = all(p in _BASES or (p[1:] in _BASES and p[0] in _PREFIXES) for p in parts)
+    known = unit == "%" or all(p in _BASES or (p[1:] in _BASES and p[0] in _PREFIXES) for p in parts)
     problem = f"unit {shorten(unit)} does not fit" if known else f"unknown unit {shorten(unit)}"
     raise QuantityError("S203", f"{problem}; expected {wanted or 'a plain number'}")
 
@@ -193,7 +194,7 @@ def parse_formula(value: object) -> Formula:
                 break
             waiting.pop()
         elif not operand_next and symbol in _PRECEDENCE:
-            if symbol == "^" and waiting[-1:] == ["^"]:
+            if symbol == "^" and "".join(waiting).rstrip("~").endswith("^"):
                 raise QuantityError("S205", f"a tower of powers in formula {shorten(value)}")
             unwind(_PRECEDENCE[symbol])
             waiting.append(symbol)

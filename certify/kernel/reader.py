@@ -87,7 +87,8 @@ class TableReader:
         self.per_unit: dict[str, Fraction] = {}
 
     def fault(self, code: str, path: str, message: str) -> None:
-        self.faults.append(Fault(code, path, message))
+        if Fault(code, path, message) not in self.faults:  # a scalar gain stands at two places of its matrix
+            self.faults.append(Fault(code, path, message))
         if len(self.faults) >= MAX_FAULTS:
             raise SpecError((*self.faults, Fault("S108", "", f"more than {MAX_FAULTS} faults; the rest is not listed")))
 
@@ -145,13 +146,13 @@ class TableReader:
         self.fault("S103", path, f"expected a line of text in quotes, got {shorten(raw)}")
         return None
 
-    def one_of(self, known: Iterable[str], code: str = "S107", kind: str = "choice") -> Reader:
+    def one_of(self, known: Iterable[str], code: str = "S107", kind: str = "a choice here") -> Reader:
         """One of some words, or the name of something that the spec defines elsewhere."""
 
         def read(raw: object, path: str) -> str | None:
             if isinstance(raw, str) and raw in known:
                 return raw
-            self.fault(code, path, f"no {kind} {shorten(raw)}; {self.near(raw, known)}")
+            self.fault(code, path, f"{shorten(raw)} is not {kind}; {self.near(raw, known)}")
             return None
 
         return read

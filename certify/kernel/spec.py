@@ -199,7 +199,8 @@ class Decoder(TableReader):
         }
         top = self.table(self.document, "", schema)
         self.w0 = top["frequency"] or Fraction(1)
-        self.bases(top["base_voltage"], top["base_power"])
+        faulty = Fraction(1) if "base_voltage" in self.document and not top["base_voltage"] else None
+        self.bases(top["base_voltage"] or faulty, top["base_power"])
         self.base_voltage = top["base_voltage"]
         self.common_band = REQUIRED if top["voltage_band"] is None else self.band(top["voltage_band"], "voltage_band")
         self.filters = self.named(top["filter"], "filter", self.filter)
@@ -329,8 +330,8 @@ class Decoder(TableReader):
 
     def dgu(self, raw: object, path: str) -> Dgu | None:
         schema: Schema = {
-            "filter": (self.one_of(self.filters, "S306", "filter"), None),
-            "controller": (self.one_of(self.controllers, "S306", "controller"), REQUIRED),
+            "filter": (self.one_of(self.filters, "S306", "a filter"), None),
+            "controller": (self.one_of(self.controllers, "S306", "a controller"), REQUIRED),
             "reference": (self.pair(self.unit("V"), self.unit("V")), REQUIRED),
             "limits": (self.pair(self.unit("V", "> 0"), self.unit("V", "> 0")), None),
         }
@@ -357,7 +358,11 @@ class Decoder(TableReader):
             schema |= {key: value for key, value in self.impedances("> 0", "").items() if key != "C"}
             table = self.table(raw, path, schema)
             return SeriesBranch(table["R"], table["L"]), None
-        schema["band"] = (self.band, self.common_band)
+        schema["band"] = (self.band, None if self.common_band is REQUIRED else self.common_band)
+        if self.common_band is REQUIRED and "band" not in raw:
+            self.fault(
+                "S102", f"{path}.band", "no voltage band: give this load a band, or the microgrid a voltage_band"
+            )
         zero = Fraction(0)
         if kind == "zip":
             units = {"Y": ("S", "S"), "I": ("A", "A"), "P": ("W", "var")}
@@ -387,12 +392,12 @@ class Decoder(TableReader):
             if table["name"] in self.line_names:
                 self.fault("S303", path, "there is another line of this name")
             self.line_names.add(table["name"])
-        node = self.one_of(self.known_nodes, "S301", "node")
+        node = self.one_of(self.known_nodes, "S301", "a node")
         schema: dict[str, tuple[Reader, Any]] = {"name": (self.text, REQUIRED), "from": (node, REQUIRED)}
         schema["to"] = (node, REQUIRED)
         by_type = "type" in table or "length" in table
         if by_type:
-            schema["type"] = (self.one_of(self.types, "S306", "line_type"), REQUIRED)
+            schema["type"] = (self.one_of(self.types, "S306", "a line_type"), REQUIRED)
             schema["length"] = (self.unit("m", "> 0"), REQUIRED)
         else:
             schema |= self.impedances("> 0", ">= 0")

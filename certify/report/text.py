@@ -74,15 +74,20 @@ def render_verdict(
     else:
         lines.append(table(_summary(verdict.claims)))
     unsettled = [c for c in verdict.claims if c.status != "proved"]
+    parts = [c for c in unsettled if c.id.split("/")[0] not in ("invariant-set", "microgrid")]
+    following = [c.id for c in unsettled if c not in parts] if parts else []
+    unsettled = parts or unsettled
     for claim in unsettled[:SHOWN_ALONE]:
         lines += ["", *_open_claim(claim, notes, colour)]
     if len(unsettled) > SHOWN_ALONE:
         lines += ["", f"and {len(unsettled) - SHOWN_ALONE} more claims that are not proved (--all lists every claim)"]
+    if following:
+        more = f" and {len(following) - 4} more" if len(following) > 4 else ""
+        lines += ["", f"not decided because of the above: {', '.join(following[-4:])}{more}"]
     if verdict.outcome == "certified":
         lines += ["", f"proved: {verdict.claims[-1].statement}."]
-    lines.append(
-        f"assumed, not proved: {', '.join(name for name, _ in verdict.assumptions)} (`certify explain CERT` says how)"
-    )
+    ledger = ", ".join(name for name, _ in verdict.assumptions)
+    lines.append(f"assumed, not proved: {ledger} (`certify explain CERT SPEC` says how)")
     return "\n".join(lines)
 
 
@@ -108,7 +113,9 @@ def _open_claim(claim: Claim, notes: dict[str, str], colour: bool) -> list[str]:
         if claim.rule in ("frequency-witness", "storage-contradiction"):
             lines.append("  so no storage function of any kind exists for this DGU with its controller.")
         else:
-            lines.append("  so between two voltages of the band more voltage draws less current.")
+            lines.append(
+                "  so for these two voltages <V - U, I(V) - I(U)> < 0: a disturbance gains power from the load."
+            )
         lines.append(
             "  This refutes the claim about this part, not the stability of the network: others may make up for it."
         )

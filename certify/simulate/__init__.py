@@ -1,1 +1,1 @@
-"""The simulator's side of a spec. It shares no model code with the kernel."""
+"""What a spec says about simulations. Nothing here has a say in a proof."""

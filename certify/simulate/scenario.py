@@ -1,4 +1,4 @@
-"""Scenarios of a spec: what happens when. Read by the simulator only; proofs do not depend on them."""
+"""Scenarios of a spec: what happens when, for simulations. They are checked here; proofs do not depend on them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from certify.kernel.reader import REQUIRED, Reader
 from certify.kernel.spec import Decoder
 
 STARTS = ("flat", "zero", "equilibrium")
+COEFFICIENTS = {"zip": ("Y", "I", "P"), "exp": ("P0", "np", "Q0", "nq")}
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A run of the simulator: its end, its start, the DGUs that are off at first, and its events in order of time."""
+    """A course of events: its end, its start, the DGUs that are off at first, and its events in order of time."""
 
     name: str
     end_second: Fraction
@@ -77,7 +78,7 @@ class _ScenarioDecoder(Decoder):
             {
                 "end": (time, REQUIRED),
                 "start": (self.one_of(STARTS), "flat"),
-                "disconnected": (self.list_of(self.one_of(self.dgus, "S306", "DGU at node")), []),
+                "disconnected": (self.list_of(self.one_of(self.dgus, "S306", "a node with a DGU")), []),
                 "event": (self.list_of(self.event), []),
             },
         )
@@ -100,13 +101,20 @@ class _ScenarioDecoder(Decoder):
         schema: dict[str, tuple[Reader, Any]] = {"at": (self.unit("s", ">= 0"), REQUIRED)}
         if action == "load":
             loaded = {name: node for name, node in self.nodes.items() if isinstance(node, dict) and node.get("load")}
-            schema |= {"load": (self.one_of(loaded, "S306", "node with a load called"), REQUIRED)}
+            schema |= {"load": (self.one_of(loaded, "S306", "a node with a load"), REQUIRED)}
             schema["set"] = (self.coefficients, REQUIRED)
         else:
-            schema[action] = (self.one_of({**self.dgus, **self.lines}, "S306", "DGU or line called"), REQUIRED)
+            schema[action] = (self.one_of({**self.dgus, **self.lines}, "S306", "a DGU or line"), REQUIRED)
         table = self.table(raw, path, schema)
         if None in table.values():
             return None
+        loads = self.nodes[table["load"]]["load"] if action == "load" else []
+        first = next((load for load in loads if isinstance(load, dict)), {})
+        for key in table.get("set", {}):
+            if key not in COEFFICIENTS.get(str(first.get("kind")), ()):
+                self.fault(
+                    "S101", f"{path}.set.{key}", f"the first load of node {table['load']} has no such coefficient"
+                )
         return Event(table["at"], action, table[action], tuple(sorted(table.get("set", {}).items())))
 
     def coefficients(self, raw: object, path: str) -> dict[str, Any] | None:
