@@ -221,10 +221,8 @@ def run_explain(options: argparse.Namespace) -> int:
     if not Path(subject).exists():
         import difflib
 
-        near = difflib.get_close_matches(subject.upper(), DIAGNOSTICS, 3) + difflib.get_close_matches(
-            subject, DIAGNOSTICS, 3
-        )
-        known = f"did you mean {' or '.join(near)}?" if near else f"codes and rules: {', '.join(DIAGNOSTICS)}"
+        near = {code for text in (subject, subject.upper()) for code in difflib.get_close_matches(text, DIAGNOSTICS, 3)}
+        known = f"did you mean {' or '.join(sorted(near))}?" if near else f"codes and rules: {', '.join(DIAGNOSTICS)}"
         message = f"{subject!r} is neither a file nor a code; {known}"
         return _bad_input(options, (Fault("U001", "CODE|CERT", message),), "explain")
     if options.spec is None:
