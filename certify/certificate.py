@@ -15,7 +15,6 @@ from typing import Any
 from certify import __version__
 from certify.inputs import decode_all
 from certify.kernel.check import FORMAT, Verdict, check
-from certify.kernel.spec import Microgrid
 from certify.search.prove import Progress, find_claims
 
 
@@ -37,12 +36,7 @@ def prove(spec: bytes, progress: Progress | None = None) -> Certificate:
     Raises: SpecError if the spec is not well formed; Rejected if the kernel turns the result down, which is a defect
     of the search and never a wrong verdict.
     """
-    return prove_grid(spec, decode_all(spec), progress)
-
-
-def prove_grid(spec: bytes, grid: Microgrid, progress: Progress | None = None) -> Certificate:
-    """As `prove`, for a spec that has been decoded already. The kernel decodes it again, from the bytes."""
-    found = find_claims(grid, progress)
+    found = find_claims(decode_all(spec), progress)
     notes = found.pop("notes")
     document = {
         "format": FORMAT,

@@ -240,13 +240,12 @@ def run_explain(options: argparse.Namespace) -> int:
 
 
 def _prove(path: str) -> Any:
-    from certify.certificate import prove_grid
-    from certify.inputs import decode_all, read
+    from certify.certificate import prove
+    from certify.inputs import read
 
     data = read(path)
-    grid = decode_all(data)
     with _progress(f"proving {path}") as progress:
-        return prove_grid(data, grid, progress)
+        return prove(data, progress)
 
 
 @contextlib.contextmanager

@@ -171,7 +171,7 @@ def test_an_internal_error_is_no_traceback(monkeypatch: pytest.MonkeyPatch, caps
     def fail(*_: object, **__: object) -> None:
         raise ArithmeticError("planted")
 
-    monkeypatch.setattr("certify.certificate.prove_grid", fail)
+    monkeypatch.setattr("certify.certificate.prove", fail)
     assert main(["prove", CIGRE]) == 70
     output = capsys.readouterr().err
     assert "internal error" in output

@@ -17,6 +17,7 @@ from certify.search.loads import propose_load
 from certify.search.proposal import Proposal
 from certify.search.roots import square_root
 from tests.accept import accepts
+from tests.conftest import ROOT
 
 Pair = tuple[Fraction, Fraction]
 
@@ -148,7 +149,7 @@ def test_exponential_on_the_edge_is_decided() -> None:
 @pytest.mark.parametrize("name", ["1", "2", "4", "5", "7", "8"])
 def test_cigre_zip_loads_from_55_percent_on(name: str) -> None:
     """Published figures: each ZIP row is monotone from 0.553 V0 on, and not below."""
-    grid = decode(open_bytes("specs/cigre-mv.toml"))
+    grid = decode((ROOT / "specs/cigre-mv.toml").read_bytes())
     law, _ = Context(grid).law(name)
     high = Fraction(24000)
     assert decide(law, (Fraction("0.554") * 20000, high))[0] == "proved"
@@ -157,15 +158,9 @@ def test_cigre_zip_loads_from_55_percent_on(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["9", "10", "11"])
 def test_cigre_exponential_loads_at_every_voltage(name: str) -> None:
-    grid = decode(open_bytes("specs/cigre-mv.toml"))
+    grid = decode((ROOT / "specs/cigre-mv.toml").read_bytes())
     law, _ = Context(grid).law(name)
     assert decide(law, (Fraction(1, 10**6), Fraction(10**9)))[0] == "proved"
-
-
-def open_bytes(name: str) -> bytes:
-    from pathlib import Path
-
-    return Path(name).read_bytes()
 
 
 def test_one_load_makes_up_for_another() -> None:

@@ -13,6 +13,7 @@ from certify.certificate import prove
 from certify.kernel.check import Context
 from certify.kernel.spec import decode
 from tests.bench.networks import microgrid
+from tests.conftest import ROOT
 
 BASE: dict[str, Any] = {
     "format": "certify/microgrid@1",
@@ -238,11 +239,5 @@ def test_equal_subsystems_are_proved_once(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_dgus_that_differ_only_in_their_lines_share_a_proof() -> None:
-    document = json.loads(prove(open_bytes("specs/cigre-mv.toml")).data)
+    document = json.loads(prove((ROOT / "specs/cigre-mv.toml").read_bytes()).data)
     assert len({c["proof"] for c in document["claims"] if c["id"].startswith("dgu/")}) == 2
-
-
-def open_bytes(name: str) -> bytes:
-    from pathlib import Path
-
-    return Path(name).read_bytes()

@@ -98,7 +98,7 @@ class Context:
         node = self.nodes[name]
         if node.band_volt is None:
             raise RuleFailure(f"there is no static load at node {name}")
-        return load_law(node), node.band_volt
+        return self.once(("law", name), lambda: load_law(node)), node.band_volt
 
     def once(self, key: Any, compute: Callable[[], Any]) -> Any:
         """Equal subsystems are computed once: the key holds all that the result depends on."""

@@ -95,6 +95,12 @@ def sturm_sequence(p: Polynomial) -> list[Polynomial]:
     return [divide(q, chain[-2])[0] for q in chain[:-1]]  # by the greatest common divisor of p and p'
 
 
+def sign_changes(chain: list[Polynomial], x: Fraction) -> int:
+    """How often the sign changes along the values of a sequence at x, zeros left out."""
+    signs = [value > 0 for value in (evaluate(q, x) for q in chain) if value]
+    return sum(a != b for a, b in pairwise(signs))
+
+
 def count_roots(p: Polynomial, low: Fraction, high: Fraction) -> int:
     """How many distinct real roots p has in the half-open interval (low, high]; p(low) is not zero.
 
@@ -104,12 +110,7 @@ def count_roots(p: Polynomial, low: Fraction, high: Fraction) -> int:
     if not evaluate(p, low):
         raise ValueError("the left end is a root")
     chain = sturm_sequence(p)
-
-    def sign_changes(x: Fraction) -> int:
-        signs = [v > 0 for v in (evaluate(q, x) for q in chain) if v]
-        return sum(a != b for a, b in pairwise(signs))
-
-    return sign_changes(low) - sign_changes(high)
+    return sign_changes(chain, low) - sign_changes(chain, high)
 
 
 def is_positive_on(p: Polynomial, low: Fraction, high: Fraction) -> bool:

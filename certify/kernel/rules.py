@@ -18,8 +18,7 @@ from certify.kernel.linalg import Matrix, Vector
 from certify.kernel.model import LinearPort, LoadLaw, PowerTerm, power_polynomials
 from certify.kernel.poly import Polynomial, is_nonnegative_on, is_positive_on, to_polynomial
 from certify.kernel.powers import PRECISIONS, Interval, compare_power, interval_product, interval_sum, power_enclosure
-
-Pair = tuple[Fraction, Fraction]
+from certify.kernel.reader import Pair
 
 
 def require(condition: bool, reason: str) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from certify.kernel.linalg import (
+    ZERO,
     Matrix,
     Vector,
     add,
@@ -26,8 +27,6 @@ from certify.kernel.linalg import (
 )
 from certify.kernel.model import LinearPort
 from certify.kernel.rules import Face, dissipation, face_equation, outer
-
-ZERO = Fraction(0)
 
 
 def symmetric_part_twice(a: Matrix) -> Matrix:

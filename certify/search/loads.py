@@ -10,11 +10,11 @@ from certify.kernel import poly
 from certify.kernel.model import LoadLaw, PowerTerm, power_polynomials
 from certify.kernel.poly import Polynomial, to_polynomial
 from certify.kernel.powers import power_enclosure
+from certify.kernel.reader import Pair
 from certify.kernel.rules import jacobian_enclosure, jacobian_polynomials
 from certify.search.proposal import Proposal, to_text
 from certify.search.roots import find_negative_point, round_to_digits, square_root
 
-Pair = tuple[Fraction, Fraction]
 MAX_CELLS = 3000
 BITS = 64  # of the enclosures on cells
 FINE_BITS = 600  # of the values from which a pair of voltages is built
@@ -128,7 +128,7 @@ def find_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fr
             tangents = [round_to_digits(t, digits) for digits in (2, 6, 20, 60)]
         else:
             tangents = [Fraction(1), Fraction(-1)]
-        for t in tangents:
+        for t in tangents:  # the product of rule `voltage-pair` at middle values: the rule itself costs too much to try
             cosine, sine = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
             if P_a + P_b < a * b * (conductance * cosine + susceptance * sine):
                 yield (a, b), t

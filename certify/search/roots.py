@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from itertools import pairwise
 from math import isqrt
 
-from certify.kernel.poly import Polynomial, evaluate, odd_part, sturm_sequence
+from certify.kernel.poly import Polynomial, evaluate, odd_part, sign_changes, sturm_sequence
 
 
 def round_to_digits(x: Fraction, digits: int) -> Fraction:
@@ -42,13 +41,8 @@ def find_negative_point(p: Polynomial) -> Fraction | None:
         return None
     chain = sturm_sequence(odd_part(p))
     bound = 1 + max((abs(c / p[-1]) for c in p[:-1]), default=Fraction(0))
-
-    def sign_changes(x: Fraction) -> int:
-        signs = [value > 0 for value in (evaluate(q, x) for q in chain) if value]
-        return sum(a != b for a, b in pairwise(signs))
-
     # Bisect until each interval has at most one sign change of p, with no end a root: then the ends tell all.
-    ends = [(x, sign_changes(x)) for x in (Fraction(0), Fraction(1 << int(bound).bit_length()))]
+    ends = [(x, sign_changes(chain, x)) for x in (Fraction(0), Fraction(1 << int(bound).bit_length()))]
     work = [(ends[0], ends[1])]
     while work:
         low, high = work.pop()
@@ -59,7 +53,7 @@ def find_negative_point(p: Polynomial) -> Fraction | None:
             x = _middle(low[0], high[0])
             while not evaluate(p, x):
                 x = (x + high[0]) / 2
-            middle = (x, sign_changes(x))
+            middle = (x, sign_changes(chain, x))
             work += [(low, middle), (middle, high)]
     return None
 
