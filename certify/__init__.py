@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from certify.certificate import Certificate, prove
     from certify.inputs import load, read
-    from certify.kernel.check import Claim, Verdict, check
+    from certify.kernel.check import check
+    from certify.kernel.claims import Claim, Verdict
     from certify.kernel.errors import CertifyError, Fault, Rejected, SpecError
 
 __version__ = "0.1.0"
@@ -35,7 +36,8 @@ __all__ = [
 _HOMES = {
     "certificate": ("Certificate", "prove"),
     "inputs": ("load", "read"),
-    "kernel.check": ("Claim", "Verdict", "check"),
+    "kernel.check": ("check",),
+    "kernel.claims": ("Claim", "Verdict"),
     "kernel.errors": ("CertifyError", "Fault", "Rejected", "SpecError"),
 }
 

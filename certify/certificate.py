@@ -14,7 +14,8 @@ from typing import Any
 
 from certify import __version__
 from certify.inputs import decode_all
-from certify.kernel.check import FORMAT, Verdict, check
+from certify.kernel.check import FORMAT, check
+from certify.kernel.claims import Verdict
 from certify.search.prove import Progress, find_claims
 
 

@@ -134,6 +134,19 @@ _ALL = (
         "check the sign, and that it is not zero",
     ),
     Diagnostic(
+        "S209",
+        "tolerance too large",
+        "A tolerance is a share of the value. At 100 % the box contains zero, where the model has no meaning.",
+        "give less than 100 %",
+        'tolerance = "10 %"',
+    ),
+    Diagnostic(
+        "S210",
+        "tolerance of a filter under a linear loop",
+        "F, B and C of a linear loop hold plant and controller in one; what varies in them is not known.",
+        'leave the tolerance out, or give that filter tolerance = "0 %"',
+    ),
+    Diagnostic(
         "S301", "line to nowhere", "Both ends of a line are names of nodes.", "define the node, or mend the name"
     ),
     Diagnostic("S302", "self-loop", "A line joins two different nodes.", "mend `from` or `to`"),
@@ -244,6 +257,19 @@ _ALL = (
         "check the signs of B and C: C B is one over the capacitance at the port",
     ),
     Diagnostic(
+        "P207",
+        "the lines do not make up for the shortage of a DGU",
+        "The DGU is passive but for a shortage, S' <= <z, d> + eps |d|^2 with a proved eps. Lines with R above the sum "
+        "of eps deg over both ends would make up for it, and strongly monotone loads at its node; they do not.",
+        "better gains (`certify synth`), a smaller tolerance, or fewer and longer lines at this node",
+    ),
+    Diagnostic(
+        "P208",
+        "a DGU with tolerances undecided",
+        "No storage function was found that serves every corner of its box of tolerances, and no corner was refuted.",
+        "a smaller tolerance, or more damping",
+    ),
+    Diagnostic(
         "P205",
         "undecided",
         "The rule for this claim does not apply.",
@@ -261,6 +287,14 @@ _ALL = (
         "S = x~'P x~/2 with P > 0, P B = C' and -(F'P + PF) >= 0, all exact: S' = <z~, d~> - dissipation at every "
         "equilibrium. The certificate holds P, the kernel rebuilds F, B and C from the spec.",
         "gains must be formulas of the plant data: the feasible ones have measure zero",
+    ),
+    Diagnostic(
+        "index-storage",
+        "proof rule: storage function with a shortage",
+        "S = x~'P x~/2 with P > 0 and S' <= <z~, d~> + eps |d~|^2, exact, at every corner of the box of R, L, C: the "
+        "inequality is affine in R, 1/L and 1/C one by one, so the corners prove the whole box. Lines with enough "
+        "resistance make up for eps, which is part of the claim about the island.",
+        "eps times the number of lines, summed over both ends of a line, must stay below its resistance",
     ),
     Diagnostic(
         "frequency-witness",

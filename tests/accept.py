@@ -5,9 +5,9 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any
 
-from certify.kernel.check import RULES, Data
 from certify.kernel.errors import RuleFailure
 from certify.kernel.model import LinearPort, LoadLaw
+from certify.kernel.proofs import RULES, Data
 from certify.search.proposal import Proposal
 
 
@@ -18,11 +18,18 @@ class OnePart:
         self.part = part
         self.strict_loads: set[str] = set()
         self.storages: dict[str, Any] = {}
+        self.shortages: dict[str, Fraction] = {}
+        self.moduli: dict[str, Fraction] = {}
 
-    def port(self, _: str) -> Any:
+    def port(self, _: str, signs: str = "000") -> Any:
+        assert signs == "000"
         return self.part
 
-    law = port
+    def law(self, _: str) -> Any:
+        return self.part
+
+    def corners(self, _: str) -> tuple[str, ...]:
+        return ("000",)
 
     def key(self, _: str) -> None:
         return None

@@ -16,7 +16,7 @@ from tests.conftest import ROOT
 
 KERNEL = sorted((ROOT / "certify" / "kernel").glob("*.py"))
 LAYERS = ["kernel", "search", "certificate", "report", "cli"]  # an arrow points from left to right only
-LIMIT = 1_600  # lines of code; "small enough to read in one sitting"
+LIMIT = 1_900  # lines of code; "small enough to read in one sitting"
 
 
 def imported(path: Path) -> set[str]:

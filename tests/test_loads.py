@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from certify.kernel.check import Context
+from certify.kernel.claims import Context
 from certify.kernel.model import LoadLaw, PowerTerm, load_law
 from certify.kernel.spec import ExpLoad, Node, ZipLoad, decode
 from certify.search.loads import propose_load

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from certify.inputs import load
-from certify.kernel.check import Context, assumptions
+from certify.kernel.claims import Context, assumptions
 from certify.kernel.model import LoadLaw, dgu_port, load_law, node_capacitances
 from certify.kernel.spec import (
     Dgu,

@@ -10,7 +10,7 @@ import numpy
 import pytest
 
 from certify.certificate import prove
-from certify.kernel.check import Context
+from certify.kernel.claims import Context
 from certify.kernel.spec import decode
 from tests.bench.networks import microgrid
 from tests.conftest import ROOT
@@ -93,7 +93,7 @@ def jacobian(spec: dict[str, Any]) -> numpy.ndarray:
     A = numpy.zeros((total, total))
     turn = numpy.array([[0, 1], [-1, 0]])
     for node in grid.nodes:
-        i, c = size[node.name], float(context.capacitances[node.name])
+        i, c = size[node.name], float(context.capacitances["0"][node.name])
         width = 2
         if node.dgu:
             F = numpy.array([[float(x) for x in row] for row in context.port(node.name).F])
@@ -114,7 +114,7 @@ def jacobian(spec: dict[str, Any]) -> numpy.ndarray:
         j = offset + 2 * k
         _branch(A, j, line.branch, w, turn)
         for name, sign in ((line.start, 1), (line.end, -1)):
-            _couple(A, j, size[name], float(context.capacitances[name]), float(line.branch.inductance_henry), sign)
+            _couple(A, j, size[name], float(context.capacitances["0"][name]), float(line.branch.inductance_henry), sign)
     return A
 
 

@@ -12,6 +12,7 @@ from certify.kernel import rules
 from certify.kernel.errors import RuleFailure
 from certify.kernel.linalg import Matrix, identity, to_matrix
 from certify.kernel.model import LinearPort, LoadLaw, PowerTerm
+from certify.kernel.proofs import Data
 
 F_ = Fraction
 DAMPED = LinearPort(to_matrix([[-1]]), to_matrix([[1]]), to_matrix([[1]]))
@@ -72,13 +73,16 @@ def test_frequency_witness() -> None:
 
 def test_storage_contradiction() -> None:
     """DRIVEN: V' B-direction is a face; then M e1 = 0 demands P12 both 1 and 0."""
-    from certify.search.facial import Family
+    from certify.search.contradiction import find_contradiction
 
-    family = Family(DRIVEN)
-    family.reduce()
-    found = family.contradiction()
-    assert found is not None
-    faces, again = list(found.faces), (found.W, found.Y, list(found.y))
+    data = find_contradiction(DRIVEN)
+    assert data
+    chain, W, Y, y = Data(data).fields("faces", "W", "Y", "y")
+    faces = [
+        rules.Face(kind.text() == "storage", weights.vector(), U.matrix(), face_Y.matrix(), face_y.matrix())
+        for kind, weights, U, face_Y, face_y in (face.fields("of", "weights", "U", "Y", "y") for face in chain.items())
+    ]
+    again = (W.matrix(), Y.matrix(), y.matrix())
     rules.storage_contradiction(DRIVEN, faces, *again)
     first, zero = faces[0], to_matrix([[0], [0]])
 
@@ -86,26 +90,29 @@ def test_storage_contradiction() -> None:
         return [dataclasses.replace(first, **changes)]
 
     for reason, changed in (
-        ("face is not forced", with_face(u=(F_(0), F_(1)))),
+        ("face is not forced", with_face(U=((F_(0), F_(1)),))),
         ("face is not forced", with_face(of_storage=True)),
-        ("multiplier is missing", with_face(y=(first.u,))),
-        ("face does not have", with_face(u=(F_(1),))),
+        ("y is not of shape", with_face(y=first.U)),
+        ("face does not have", with_face(U=((F_(1),),))),
+        ("weight of a face", with_face(weights=(F_(0),))),
+        ("weight of a face", with_face(weights=(F_(-1),))),
+        ("weight of a face", with_face(weights=(F_(1), F_(1)))),
         ("not of shape", with_face(Y=first.Y[:1])),
         ("more faces", [first] * 5),
-        ("multiplier is missing", []),
+        ("y is not of shape", []),
     ):
         fails(reason, rules.storage_contradiction, DRIVEN, changed, *again)
-    fails("multiplier does not have", rules.storage_contradiction, DRIVEN, faces, *again[:2], [(F_(1),)])
-    fails("not negative", rules.storage_contradiction, DRIVEN, faces, found.W, zero, [(F_(0), F_(0))])
+    fails("y is not of shape", rules.storage_contradiction, DRIVEN, faces, *again[:2], ((F_(1),),))
+    fails("not negative", rules.storage_contradiction, DRIVEN, faces, again[0], zero, ((F_(0), F_(0)),))
     fails("W is not", rules.storage_contradiction, DRIVEN, faces, to_matrix([[-1, 0], [0, 0]]), *again[1:])
     fails("W is not", rules.storage_contradiction, DRIVEN, faces, to_matrix([[0, 1], [0, 0]]), *again[1:])
     # what is passive cannot be contradicted by the data of something else
     fails("face is not forced", rules.storage_contradiction, FILTER, faces, *again)
     # without faces: W on the unstable mode of ACTIVE makes the left side 2, and tr(C Y) < 0 needs Y = -1
-    W, minus = identity(1), to_matrix([[-1]])
-    rules.storage_contradiction(ACTIVE, [], W, minus, [])
-    fails("left side", rules.storage_contradiction, DAMPED, [], W, minus, [])
-    fails("not negative", rules.storage_contradiction, ACTIVE, [], W, to_matrix([[0]]), [])
+    one, minus = identity(1), to_matrix([[-1]])
+    rules.storage_contradiction(ACTIVE, [], one, minus, ())
+    fails("left side", rules.storage_contradiction, DAMPED, [], one, minus, ())
+    fails("not negative", rules.storage_contradiction, ACTIVE, [], one, to_matrix([[0]]), ())
 
 
 def law(active: dict[Any, Any], reactive: dict[Any, Any] | None = None, base: Any = 1) -> LoadLaw:

@@ -9,15 +9,16 @@ from typing import Any
 import pytest
 
 from certify.inputs import load
-from certify.kernel.check import Context
+from certify.kernel.claims import Context
 from certify.kernel.linalg import Matrix, add, identity, multiply, scale, transpose
 from certify.kernel.model import J, LinearPort, dgu_port
 from certify.kernel.rules import quadratic_storage
 from certify.kernel.spec import Dgu, Filter, LinearLoop, StateFeedback
-from certify.search.dgu import propose_dgu
-from certify.search.facial import Family
-from certify.search.frequency import find_frequency_witness
-from certify.search.lmi import solve_family
+from certify.search.contradiction import find_contradiction
+from certify.search.dgu import find_storage, propose_dgu, reduce_port
+from certify.search.exact import from_flint
+from certify.search.frequency import Response, Witness, find_coarse_witness, find_witness
+from certify.search.proposal import Proposal
 from certify.search.storage import find_state_feedback_storage, inverse_2x2
 from tests.accept import accepts
 
@@ -55,13 +56,18 @@ def test_facial_reduction_reproduces_the_closed_form(seed: int) -> None:
     port = passive_design(random.Random(seed))
     part = find_state_feedback_storage(port)
     assert part is not None
-    family = Family(port)
-    family.reduce()
+    family = reduce_port(port)
     assert family.point is not None
     assert not family.directions  # a single point
-    assert tuple(row[2:] for row in family.point[2:]) == part
-    quadratic_storage(port, family.point)
-    assert find_frequency_witness(port) is None
+    P = from_flint(family.point)
+    assert tuple(row[2:] for row in P[2:]) == part
+    quadratic_storage(port, P)
+    assert witness_of(port) is None
+
+
+def witness_of(port: LinearPort) -> Witness | None:
+    response = Response.of(port)
+    return find_coarse_witness(response) or find_witness(response)
 
 
 def spoiled(port: LinearPort, row: int, column: int, error: Fraction) -> LinearPort:
@@ -74,10 +80,10 @@ def spoiled(port: LinearPort, row: int, column: int, error: Fraction) -> LinearP
 def test_two_ways_to_refute(error: str, row: int, column: int) -> None:
     """An asymmetric gain: a frequency shows it, and so do the equations for a storage function."""
     port = spoiled(passive_design(random.Random(5)), row, column, Fraction(error))
-    assert find_frequency_witness(port) is not None
-    family = Family(port)
-    family.reduce()
-    assert family.contradiction() is not None
+    assert witness_of(port) is not None
+    data = find_contradiction(port)
+    assert data
+    assert accepts(port, Proposal("refuted", "storage-contradiction", data))
 
 
 def verdict(port: LinearPort) -> tuple[str, str | None]:
@@ -131,10 +137,9 @@ def rc_ladder(n: int, rng: random.Random, damping: Fraction = Fraction(1)) -> Li
 @pytest.mark.parametrize("seed", range(4))
 def test_free_storage_goes_through_the_solver(seed: int) -> None:
     port = rc_ladder(4, random.Random(seed))
-    family = Family(port)
-    family.reduce()
+    family = reduce_port(port)
     assert family.directions
-    P = solve_family(family)
+    P = find_storage(port, family)
     assert P is not None
     quadratic_storage(port, P)
     assert verdict(port) == ("proved", "quadratic-storage")
@@ -156,16 +161,16 @@ def test_linear_loop_of_a_spec_is_solved_with_small_numbers() -> None:
 def test_unknown_solver_status_is_nothing() -> None:
     from certify.search.solvers import USABLE
 
-    assert not USABLE.get("infeasible")
+    assert not USABLE.get("PrimalInfeasible")
     assert not USABLE.get("a status of next year")
 
 
 @pytest.mark.parametrize(("name", "low", "high"), [("cigre-mv-as-printed", 30, 3000), ("cigre-mv-cross-2w0", 1e-5, 10)])
 def test_witnesses_have_small_numbers(name: str, low: float, high: float) -> None:
     port = Context(load(f"specs/{name}.toml")).port("1")
-    witness = find_frequency_witness(port)
+    witness = witness_of(port)
     assert witness is not None
-    (sigma, omega), u = witness
+    (sigma, omega), u = witness.s0, witness.u
     assert low / 1e5 < sigma < high
     assert low < omega < high
     assert all(len(str(x)) < 12 for x in (sigma, omega, *(part for pair in u for part in pair)))

@@ -6,13 +6,15 @@ equilibrium. A user's own linear loop keeps its own states. All functions are pu
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import product
 
 from certify.kernel.linalg import Matrix, add, block, identity, multiply, scale, solve, to_matrix, zeros
 from certify.kernel.poly import Polynomial, to_polynomial
-from certify.kernel.spec import Dgu, IdaPbc, LinearLoop, Microgrid, Node, StateFeedback, ZipLoad
+from certify.kernel.reader import Pair
+from certify.kernel.spec import Dgu, Filter, IdaPbc, LinearLoop, Microgrid, Node, StateFeedback, ZipLoad
 
 J = to_matrix([[0, -1], [1, 0]])  # multiplication by j
 I2 = identity(2)
@@ -34,11 +36,12 @@ class LinearPort:
 
 @dataclass(frozen=True)
 class PowerTerm:
-    """coefficient (v / base)^exponent, a summand of an active or reactive power."""
+    """coefficient (v / base)^exponent, a summand of an active or reactive power; `spread`: how far it may be off."""
 
     coefficient: Fraction
     base_volt: Fraction
     exponent: Fraction
+    spread: Fraction = Fraction(0)
 
 
 @dataclass(frozen=True)
@@ -49,18 +52,51 @@ class LoadLaw:
     reactive: tuple[PowerTerm, ...]
 
 
-def node_capacitances(grid: Microgrid) -> dict[str, Fraction]:
-    """Farad at each node: its own, half of each attached line's, and the filter's if it has one."""
+# How a corner of a box of tolerances is named: for each quantity "-" or "+" for an end, "0" for the value itself.
+SIGNS = {"-": -1, "0": 0, "+": 1}
+
+
+def node_capacitances(grid: Microgrid, sign: str = "0") -> dict[str, Fraction]:
+    """Farad at each node: its own, half of each attached line's, the filter's; with tolerances at the end `sign`."""
     total = {node.name: node.capacitance_farad for node in grid.nodes}
     with_dgu = {node.name for node in grid.nodes if node.dgu}
     for line in grid.lines:
         for end in (line.start, line.end):
             if grid.line_legs_at_dgus or end not in with_dgu:
-                total[end] += line.capacitance_farad / 2
+                total[end] += line.capacitance_farad / 2 * (1 + SIGNS[sign] * line.capacitance_tolerance)
     for node in grid.nodes:
         if node.dgu and node.dgu.filter:
-            total[node.name] += node.dgu.filter.capacitance_farad
+            own = node.dgu.filter
+            total[node.name] += own.capacitance_farad * (1 + SIGNS[sign] * own.tolerance[2])
     return total
+
+
+def at_corner(filter_: Filter, signs: str) -> Filter:
+    """A filter with R and L at the ends of their tolerances that the first two signs name."""
+    (r, x), own = (SIGNS[sign] for sign in signs[:2]), filter_.tolerance
+    resistance, inductance = filter_.resistance_ohm * (1 + r * own[0]), filter_.inductance_henry * (1 + x * own[1])
+    return Filter(resistance, inductance, filter_.capacitance_farad)
+
+
+def law_corners(law: LoadLaw) -> Iterator[tuple[str, LoadLaw]]:
+    """Every corner of the box of a law's coefficients, named by one sign for each term: active ones, then reactive."""
+    terms = (*law.active, *law.reactive)
+    for signs in product(*("-+" if term.spread else "0" for term in terms)):
+        yield "".join(signs), law_at(law, "".join(signs))
+
+
+def law_at(law: LoadLaw, signs: str) -> LoadLaw:
+    """The law at one corner, or, with the sign "0", at the value itself."""
+    terms = [
+        replace(term, coefficient=term.coefficient + SIGNS[sign] * term.spread, spread=Fraction(0))
+        for term, sign in zip((*law.active, *law.reactive), signs, strict=True)
+    ]
+    return LoadLaw(tuple(terms[: len(law.active)]), tuple(terms[len(law.active) :]))
+
+
+def less_conductance(law: LoadLaw, modulus: Fraction) -> LoadLaw:
+    """The law of I - modulus V: monotone iff the load is strongly monotone with this modulus."""
+    return LoadLaw((*law.active, PowerTerm(-modulus, Fraction(1), Fraction(2))), law.reactive)
 
 
 def to_state_feedback(law: IdaPbc) -> StateFeedback:
@@ -108,22 +144,23 @@ def dgu_port(dgu: Dgu, capacitance_farad: Fraction, w0: Fraction) -> LinearPort:
 
 def load_law(node: Node) -> LoadLaw:
     """The sum of the static loads at a node (THEORY 1); equal powers are added up."""
-    sums: tuple[dict[tuple[Fraction, Fraction], Fraction], ...] = ({}, {})
+    sums: tuple[dict[tuple[Fraction, Fraction], Pair], ...] = ({}, {})
     for load in node.loads:
-        one = Fraction(1)
+        one, off = Fraction(1), load.tolerance
         if isinstance(load, ZipLoad):
             terms = [
-                (part, one, Fraction(e), coefficients[part])
-                for e, coefficients in ((2, load.Y), (1, load.I), (0, load.P))
+                (part, one, Fraction(e), coefficients[part], share)
+                for e, coefficients, share in ((2, load.Y, off[0]), (1, load.I, off[1]), (0, load.P, off[2]))
                 for part in (0, 1)
             ]
         else:
-            terms = [(0, load.V0_volt, load.np, load.P0_watt), (1, load.V0_volt, load.nq, load.Q0_var)]
-        for part, base, exponent, coefficient in terms:
+            terms = [(0, load.V0_volt, load.np, load.P0_watt, off[0]), (1, load.V0_volt, load.nq, load.Q0_var, off[1])]
+        for part, base, exponent, coefficient, share in terms:
             if exponent.denominator == 1:  # a whole power needs no base of its own, and joins the others
                 coefficient, base = coefficient / base**exponent.numerator, one
-            sums[part][base, exponent] = sums[part].get((base, exponent), Fraction(0)) + coefficient
-    laws = [tuple(PowerTerm(c, *key) for key, c in sorted(part.items()) if c) for part in sums]
+            before = sums[part].get((base, exponent), (Fraction(0), Fraction(0)))
+            sums[part][base, exponent] = (before[0] + coefficient, before[1] + abs(coefficient) * share)
+    laws = [tuple(PowerTerm(c, *key, off) for key, (c, off) in sorted(part.items()) if c or off) for part in sums]
     return LoadLaw(laws[0], laws[1])
 
 

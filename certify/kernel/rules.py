@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
 from certify.kernel import linalg as la
@@ -68,6 +69,33 @@ def quadratic_storage(port: LinearPort, P: Matrix) -> Storage:
     return Storage(M, storage_pivots, dissipation_pivots)
 
 
+def storage_at(port: LinearPort, P0: Matrix) -> Matrix:
+    """P at the capacitance c of a port: P0 in the charge c V and the other states, plus c |V|^2; P0 itself without c.
+
+    With it the inequality of `index-storage` is affine in each of R, 1/L and 1/c (THEORY 10).
+    """
+    c, n = port.capacitance_farad, len(P0)
+    if c is None:
+        return P0
+    size = [c if i < 2 else la.ONE for i in range(n)]
+    return tuple(tuple(size[i] * P0[i][j] * size[j] + (c if i == j < 2 else 0) for j in range(n)) for i in range(n))
+
+
+def index_storage(port: LinearPort, P: Matrix, shortage: Fraction) -> Storage:
+    """Rule `index-storage`: P > 0 and [[M, C' - P B], [., 2 eps I]] >= 0, so S' <= <z~, d~> + eps |d~|^2."""
+    n, m = len(port.F), len(port.C)
+    require(len(P) == n and la.is_symmetric(P), f"the storage matrix is not a symmetric matrix of size {n}")
+    require(shortage > 0, "the shortage is not positive")
+    storage_pivots, semidefinite = la.ldl_pivots(P)
+    require(semidefinite and all(storage_pivots), "the storage matrix P is not positive definite")
+    M = dissipation(port.F, P)
+    gap = la.add(la.transpose(port.C), la.scale(-1, la.multiply(P, port.B)))
+    supply = la.scale(2 * shortage, la.identity(m))
+    pivots, semidefinite = la.ldl_pivots(la.block([[M, gap], [la.transpose(gap), supply]]))
+    require(semidefinite, "the dissipation inequality with this shortage does not hold")
+    return Storage(M, storage_pivots, pivots[:n])
+
+
 def frequency_witness(port: LinearPort, s0: Pair, u: Sequence[Pair]) -> Fraction:
     """Rule `frequency-witness`: Re s0 > 0, s0 no eigenvalue of F, Re(u* Z(s0) u) < 0. Returns that number."""
     (sigma, omega), n, m = s0, len(port.F), len(port.C)
@@ -89,51 +117,59 @@ def frequency_witness(port: LinearPort, s0: Pair, u: Sequence[Pair]) -> Fraction
 
 @dataclass(frozen=True)
 class Face:
-    """An identity that forces M u = 0, or P u = 0 if `of_storage`. Shapes: u (n,), Y (n, m), y of earlier faces."""
+    """An identity that forces M u = 0 for each row u of U, or P u = 0 if `of_storage`.
+
+    Shapes: weights (k,), all positive; U (k, n); Y (n, m); y has one row of n for each vector of earlier faces.
+    """
 
     of_storage: bool
-    u: Vector
+    weights: Vector
+    U: Matrix
     Y: Matrix
-    y: tuple[Vector, ...]
+    y: Matrix
 
 
-def storage_contradiction(port: LinearPort, faces: Sequence[Face], W: Matrix, Y: Matrix, y: Sequence[Vector]) -> None:
+def storage_contradiction(port: LinearPort, faces: Sequence[Face], W: Matrix, Y: Matrix, y: Matrix) -> None:
     """Rule `storage-contradiction`: no P >= 0 has P B = C' and M >= 0, so no storage function of any kind exists.
 
     The faces come one after the other; the last identity has a positive and a negative side. W (n, n).
     """
     n, m = len(port.F), len(port.C)
+    known: list[tuple[bool, Vector]] = []  # the vectors of the faces so far
 
-    def combination(Y: Matrix, multipliers: Sequence[Vector], known: Sequence[Face]) -> tuple[Matrix, Fraction]:
+    def combination(Y: Matrix, y: Matrix) -> tuple[Matrix, Fraction]:
         """E(Y, y) and tr(C Y): the product of E with P is 2 tr(C Y)."""
         require(len(Y) == n and all(len(row) == m for row in Y), f"Y is not of shape ({n}, {m})")
-        require(len(multipliers) == len(known), "a multiplier is missing")
+        require(len(y) == len(known) and all(len(v) == n for v in y), f"y is not of shape ({len(known)}, {n})")
         half = la.multiply(Y, la.transpose(port.B))
-        for face, v in zip(known, multipliers, strict=True):
-            require(len(v) == n, f"a multiplier does not have {n} entries")
-            half = la.add(half, face_equation(port.F, face, v))
+        for (of_storage, u), v in zip(known, y, strict=True):
+            half = la.add(half, face_equation(port.F, of_storage, u, v))
         trace = sum((port.C[i][k] * Y[k][i] for i in range(m) for k in range(n)), Fraction(0))
         return la.add(half, la.transpose(half)), trace
 
-    require(len(faces) <= 2 * n, "more faces than there can be")
-    for k, face in enumerate(faces):
-        require(len(face.u) == n, f"a face does not have {n} entries")
-        square = outer(face.u if face.of_storage else la.apply(port.F, face.u), face.u)
-        side, trace = combination(face.Y, face.y, faces[:k])
+    require(sum(len(face.U) for face in faces) <= 2 * n, "more faces than there can be")
+    for face in faces:
+        require(len(face.weights) == len(face.U) and min(face.weights) > 0, "a weight of a face is not positive")
+        require(all(len(u) == n for u in face.U), f"a face does not have {n} entries")
+        square = la.zeros(n, n)
+        for weight, u in zip(face.weights, face.U, strict=True):
+            square = la.add(square, la.scale(weight, outer(u if face.of_storage else la.apply(port.F, u), u)))
+        side, trace = combination(face.Y, face.y)
         require(la.add(square, la.transpose(square)) == side and not trace, "a face is not forced to vanish")
+        known += [(face.of_storage, u) for u in face.U]
     require(len(W) == n and la.is_symmetric(W) and la.ldl_pivots(W)[1], "W is not positive semidefinite")
-    rest, trace = combination(Y, y, faces)
+    rest, trace = combination(Y, y)
     product = la.multiply(port.F, W)
     Q = la.add(la.add(product, la.transpose(product)), rest)
     require(la.ldl_pivots(Q)[1], "the left side of the last identity is not positive semidefinite")
     require(trace < 0, "tr(C Y) is not negative")
 
 
-def face_equation(F: Matrix, face: Face, v: Vector) -> Matrix:
+def face_equation(F: Matrix, of_storage: bool, u: Vector, v: Vector) -> Matrix:
     """The matrix A with tr(P (A + A')) = 0 for every P on the face: -2 v'M u = 0, or 2 v'P u = 0."""
-    if face.of_storage:
-        return outer(face.u, v)
-    return la.add(outer(la.apply(F, face.u), v), outer(face.u, la.apply(F, v)))
+    if of_storage:
+        return outer(u, v)
+    return la.add(outer(la.apply(F, u), v), outer(u, la.apply(F, v)))
 
 
 def outer(a: Vector, b: Vector) -> Matrix:
@@ -244,12 +280,80 @@ def voltage_pair(law: LoadLaw, band: Pair, v: Fraction, pair: Pair, t: Fraction)
     raise RuleFailure("the product of the two voltages is not negative")
 
 
-# --- the network (THEORY 2 and 6) ---------------------------------------------------------------------------
+def lipschitz_bound(law: LoadLaw, band: Pair) -> Fraction:
+    """A Lambda with |I(V) - I(U)| <= Lambda |V - U| on the band, for every law of the box: FORMAT.md, section 4.
+
+    It is sup |Y| + sup |v Y'|, each term of the power laws taken at the worse end of the band.
+    """
+    total = Fraction(0)
+    for t in (*law.active, *law.reactive):
+        top = max(power_enclosure(v / t.base_volt, t.exponent - 2, PRECISIONS[0])[1] for v in band)
+        total += (abs(t.coefficient) + t.spread) / t.base_volt**2 * (1 + abs(t.exponent - 2)) * top
+    return total
+
+
+# --- the network (THEORY 2, 6 and 10) ---------------------------------------------------------------------------
 
 
 def skew_incidence(injection: dict[tuple[str, str], int], drop: dict[tuple[str, str], int]) -> None:
     """Rule `skew-incidence`: the map from outputs to inputs is skew-symmetric, so that sum <z, d> = 0."""
     require({key: -value for key, value in injection.items()} == drop, "the interconnection is not skew-symmetric")
+
+
+def shortage_with_load(shortage: Fraction, modulus: Fraction, lipschitz: Fraction) -> Fraction:
+    """The shortage of a DGU together with its load: eps m / (m - 2 eps Lambda^2), with |z|^2 m / 2 left (THEORY 10)."""
+    require(modulus > 2 * shortage * lipschitz**2, "the load is not monotone enough for the shortage of its DGU")
+    return shortage * modulus / (modulus - 2 * shortage * lipschitz**2)
+
+
+def covered_shortages(edges: Sequence[tuple[Fraction, tuple[str, ...]]], shortage: dict[str, Fraction]) -> None:
+    """diag(R) - A' diag(eps) A > 0 for branches (R, their nodes): what DGUs are short of, the branches dissipate.
+
+    First branch by branch, R > sum of eps deg over its ends; then the equivalent node by node, N = 1/eps - A R^-1 A'
+    > 0, by elimination. Numbers are kept short by lowering the diagonal, which only makes the test stricter.
+    """
+    degree = dict.fromkeys(shortage, 0)
+    ends = [(R, [node for node in nodes if node in shortage]) for R, nodes in edges]
+    for _, nodes in ends:
+        for node in nodes:
+            degree[node] += 1
+    if all(sum(shortage[node] * degree[node] for node in nodes) < R for R, nodes in ends):
+        return
+    diagonal = {node: 1 / eps for node, eps in shortage.items()}
+    beside: dict[str, dict[str, Fraction]] = {node: {} for node in shortage}
+    for R, nodes in ends:
+        for node in nodes:
+            diagonal[node] -= 1 / R
+        if len(nodes) == 2:
+            for a, b in (nodes, nodes[::-1]):
+                beside[a][b] = beside[a].get(b, Fraction(0)) + 1 / R
+    heap = [(len(row), node) for node, row in beside.items()]
+    heapify(heap)
+    while heap:
+        count, node = heappop(heap)
+        if node not in beside or count != len(beside[node]):
+            continue
+        row, pivot = beside.pop(node), _lowered(diagonal[node])
+        require(pivot > 0, f"the lines do not make up for the shortage of the DGUs (at node {node})")
+        require(len(row) <= 50, "too many lines between DGUs with a shortage to decide whether they make up for it")
+        for a, x in row.items():
+            del beside[a][node]
+            diagonal[a] -= x * x / pivot
+            for b, y in row.items():
+                if a < b:
+                    exact = beside[a].get(b, Fraction(0)) - x * y / pivot
+                    kept = _lowered(exact)
+                    beside[a][b] = beside[b][a] = kept
+                    diagonal[a], diagonal[b] = diagonal[a] - (exact - kept), diagonal[b] - (exact - kept)
+        for a in row:
+            heappush(heap, (len(beside[a]), a))
+
+
+def _lowered(x: Fraction, bits: int = 96) -> Fraction:
+    """x rounded down to about so many bits."""
+    shift = bits - x.numerator.bit_length() + x.denominator.bit_length()
+    unit = Fraction(2) ** shift
+    return Fraction((x * unit).__floor__()) / unit
 
 
 def observed(rows: Matrix, F: Matrix, B: Matrix | None = None) -> list[list[Fraction]]:

@@ -43,11 +43,17 @@ def angular_frequency(frequency_hertz: Fraction) -> Fraction:
     return round(exact / unit) * unit
 
 
+NO_TOLERANCE = (Fraction(0),) * 3
+
+
 @dataclass(frozen=True)
 class Filter:
+    """`tolerance`: how far R, L and C may be off, as shares of their values."""
+
     resistance_ohm: Fraction
     inductance_henry: Fraction
     capacitance_farad: Fraction
+    tolerance: tuple[Fraction, ...] = NO_TOLERANCE
 
 
 @dataclass(frozen=True)
@@ -89,30 +95,33 @@ class Dgu:
 
 @dataclass(frozen=True)
 class ZipLoad:
-    """P = Y[0] v^2 + I[0] v + P[0] in watt; index 1 is the reactive part, in var."""
+    """P = Y[0] v^2 + I[0] v + P[0] in watt; index 1 is the reactive part, in var. `tolerance`: of Y, I, P."""
 
     Y: Pair
     I: Pair  # noqa: E741
     P: Pair
+    tolerance: tuple[Fraction, ...] = NO_TOLERANCE
 
 
 @dataclass(frozen=True)
 class ExpLoad:
-    """P = P0 (v/V0)^np, Q = Q0 (v/V0)^nq."""
+    """P = P0 (v/V0)^np, Q = Q0 (v/V0)^nq. `tolerance`: of P0, Q0."""
 
     P0_watt: Fraction
     np: Fraction
     Q0_var: Fraction
     nq: Fraction
     V0_volt: Fraction
+    tolerance: tuple[Fraction, ...] = NO_TOLERANCE
 
 
 @dataclass(frozen=True)
 class SeriesBranch:
-    """A resistance and an inductance in series: a line, or a dynamic load to ground."""
+    """A resistance and an inductance in series: a line, or a dynamic load to ground. `tolerance`: of R, L."""
 
     resistance_ohm: Fraction
     inductance_henry: Fraction
+    tolerance: tuple[Fraction, ...] = NO_TOLERANCE[:2]
 
 
 @dataclass(frozen=True)
@@ -134,6 +143,7 @@ class Line:
     end: str
     branch: SeriesBranch
     capacitance_farad: Fraction
+    capacitance_tolerance: Fraction = Fraction(0)
 
 
 @dataclass(frozen=True)
@@ -181,6 +191,34 @@ class Decoder(TableReader):
             return None
         return band
 
+    def share(self, raw: object, path: str) -> Fraction | None:
+        """A tolerance: at least zero, and below one, so that no value of the box is zero."""
+        value: Fraction | None = self.unit("", ">= 0")(raw, path)
+        if value is not None and value >= 1:
+            self.fault("S209", path, f"a tolerance of {shorten(raw)} lets the value be zero or change its sign")
+            return None
+        return value
+
+    def tolerance(self, kind: str, keys: str) -> tuple[Reader, Any]:
+        """A share for all of these keys, or a table with a share for each; the default is that of the spec."""
+        names = keys.split()
+
+        def read(raw: object, path: str) -> tuple[Fraction, ...] | None:
+            if isinstance(raw, dict):
+                shares = list(self.table(raw, path, {key: (self.share, Fraction(0)) for key in names}).values())
+            else:
+                shares = [self.share(raw, path)] * len(names)
+            return None if None in shares else tuple(shares)
+
+        return read, (self.common_tolerance.get(kind, Fraction(0)),) * len(names)
+
+    def common(self, raw: object, path: str) -> dict[str, Any]:
+        """The tolerances of all filters, lines and loads that have none of their own."""
+        kinds = ("filter", "line", "load")
+        if isinstance(raw, dict):
+            return self.table(raw, path, {kind: (self.share, Fraction(0)) for kind in kinds})
+        return dict.fromkeys(kinds, self.share(raw, path))
+
     def impedances(self, resistance: str, capacitance: str, per: str = "", default: Any = REQUIRED) -> Schema:
         signs = {"R": ("ohm", resistance), "L": ("H", "> 0"), "C": ("F", capacitance)}
         return {key: (self.unit(unit + per, sign), default) for key, (unit, sign) in signs.items()}
@@ -193,6 +231,7 @@ class Decoder(TableReader):
             "frequency": (self.frequency, REQUIRED),
             "base_voltage": (self.unit("V", "> 0"), None),
             "base_power": (self.unit("VA", "> 0"), None),
+            "tolerance": (self.common, dict.fromkeys(("filter", "line", "load"), Fraction(0))),
             "line_legs": (self.one_of(["included", "neglected at DGUs"]), "included"),
             **{key: (keep, {}) for key in ("filter", "controller", "line_type", "scenario")},
             **{key: (keep, default) for key, default in (("voltage_band", None), ("node", REQUIRED), ("line", []))},
@@ -201,7 +240,7 @@ class Decoder(TableReader):
         self.w0 = top["frequency"] or Fraction(1)
         faulty = Fraction(1) if "base_voltage" in self.document and not top["base_voltage"] else None
         self.bases(top["base_voltage"] or faulty, top["base_power"])
-        self.base_voltage = top["base_voltage"]
+        self.base_voltage, self.common_tolerance = top["base_voltage"], top["tolerance"] or {}
         self.common_band = REQUIRED if top["voltage_band"] is None else self.band(top["voltage_band"], "voltage_band")
         self.filters = self.named(top["filter"], "filter", self.filter)
         self.controllers = self.named(top["controller"], "controller", self.controller)
@@ -225,11 +264,13 @@ class Decoder(TableReader):
             self.per_unit |= {"S": 1 / impedance, "H": impedance / self.w0, "F": 1 / (impedance * self.w0)}
 
     def filter(self, raw: object, path: str) -> Filter | None:
-        values = self.table(raw, path, self.impedances(">= 0", "> 0"))
+        schema = {**self.impedances(">= 0", "> 0"), "tolerance": self.tolerance("filter", "R L C")}
+        values = self.table(raw, path, schema)
         return None if None in values.values() else Filter(*values.values())
 
     def line_type(self, raw: object, path: str) -> dict[str, Any]:
-        return self.table(raw, path, self.impedances("> 0", ">= 0", "/m"))
+        schema = {**self.impedances("> 0", ">= 0", "/m"), "tolerance": self.tolerance("line", "R L C")}
+        return self.table(raw, path, schema)
 
     def controller(self, raw: object, path: str) -> Any:
         """Checked here as far as it can be without a filter; `evaluate` does the rest for each filter."""
@@ -344,6 +385,9 @@ class Decoder(TableReader):
         if controller[0] != "linear" and filter_ is None:
             self.fault("S102", f"{path}.filter", "this key is missing")
             return None
+        if controller[0] == "linear" and filter_ and any(filter_.tolerance):
+            self.fault("S210", f"{path}.filter", "a tolerance has no meaning for a linear loop: its F holds the plant")
+            return None
         evaluated = self.evaluate(table["controller"], filter_)
         return Dgu(filter_, evaluated, table["reference"], table["limits"]) if evaluated else None
 
@@ -356,8 +400,8 @@ class Decoder(TableReader):
         schema: dict[str, tuple[Reader, Any]] = {"kind": (keep, None)}
         if kind == "rl":
             schema |= {key: value for key, value in self.impedances("> 0", "").items() if key != "C"}
-            table = self.table(raw, path, schema)
-            return SeriesBranch(table["R"], table["L"]), None
+            table = self.table(raw, path, {**schema, "tolerance": self.tolerance("load", "R L")})
+            return SeriesBranch(table["R"], table["L"], table["tolerance"]), None
         schema["band"] = (self.band, None if self.common_band is REQUIRED else self.common_band)
         if self.common_band is REQUIRED and "band" not in raw:
             self.fault(
@@ -367,17 +411,20 @@ class Decoder(TableReader):
         if kind == "zip":
             units = {"Y": ("S", "S"), "I": ("A", "A"), "P": ("W", "var")}
             schema |= {key: (self.pair(self.unit(a), self.unit(b)), (zero, zero)) for key, (a, b) in units.items()}
+            schema["tolerance"] = self.tolerance("load", "Y I P")
             table = self.table(raw, path, schema)
             if not units.keys() & raw.keys():
                 self.fault("S102", path, "a zip load needs at least one of Y, I, P")
-            return ZipLoad(table["Y"], table["I"], table["P"]), table["band"]
+            return ZipLoad(table["Y"], table["I"], table["P"], table["tolerance"]), table["band"]
         schema |= {"P0": (self.unit("W"), REQUIRED), "np": (self.exponent, REQUIRED)}
         schema |= {"Q0": (self.unit("var"), zero), "nq": (self.exponent, zero)}
         schema["V0"] = (self.unit("V", "> 0"), self.base_voltage or REQUIRED)
+        schema["tolerance"] = self.tolerance("load", "P0 Q0")
         table = self.table(raw, path, schema)
         if ("Q0" in raw) != ("nq" in raw):
             self.fault("S102", path, "Q0 and nq go together")
-        return ExpLoad(table["P0"], table["np"], table["Q0"], table["nq"], table["V0"]), table["band"]
+        values = [table[key] for key in ("P0", "np", "Q0", "nq", "V0", "tolerance")]
+        return ExpLoad(*values), table["band"]
 
     def exponent(self, raw: object, path: str) -> Fraction | None:
         value: Fraction | None = self.unit("")(raw, path)
@@ -401,6 +448,9 @@ class Decoder(TableReader):
             schema["length"] = (self.unit("m", "> 0"), REQUIRED)
         else:
             schema |= self.impedances("> 0", ">= 0")
+        own, default = self.tolerance("line", "R L C")
+        of_type = (self.types.get(table["type"]) or {}).get("tolerance") if isinstance(table.get("type"), str) else None
+        schema["tolerance"] = (own, of_type or default)
         table = self.table(raw, path, schema)
         if table["from"] is not None and table["from"] == table["to"]:
             self.fault("S302", path, "the line starts and ends at the same node")
@@ -408,7 +458,8 @@ class Decoder(TableReader):
         if len(self.faults) > before or None in per_metre.values():
             return None
         R, L, C = (per_metre[key] * (table["length"] if by_type else 1) for key in "RLC")
-        return Line(table["name"], table["from"], table["to"], SeriesBranch(R, L), C)
+        off = table["tolerance"]
+        return Line(table["name"], table["from"], table["to"], SeriesBranch(R, L, off[:2]), C, off[2])
 
     def network(self, nodes: Mapping[str, Node], lines: list[Line]) -> None:
         legs = {name: node.capacitance_farad for name, node in nodes.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from certify.kernel.check import Verdict
+from certify.kernel.claims import Verdict
 from certify.kernel.errors import Fault
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from fractions import Fraction
 
 from certify.diagnostics import DIAGNOSTICS
-from certify.kernel.check import Claim, Verdict
+from certify.kernel.claims import Claim, Verdict
 from certify.kernel.errors import Fault
 
 _COLOURS = {
@@ -119,6 +119,8 @@ def _open_claim(claim: Claim, notes: dict[str, str], colour: bool) -> list[str]:
         lines.append(
             "  This refutes the claim about this part, not the stability of the network: others may make up for it."
         )
+        if claim.id in notes:
+            lines.append(f"  {DIAGNOSTICS[notes[claim.id]].why}")
     elif claim.id in notes:
         lines.append(f"  {DIAGNOSTICS[notes[claim.id]].why}")
         lines.append(f"  = help: {DIAGNOSTICS[notes[claim.id]].remedy}")

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from certify.kernel.errors import RuleFailure
+from certify.kernel.linalg import Matrix
 from certify.kernel.model import LinearPort
-from certify.kernel.rules import Face
+from certify.kernel.rules import quadratic_storage
 from certify.search.proposal import Proposal, to_rows, to_text
 from certify.search.storage import find_state_feedback_storage
 
-MAX_CONTRADICTION_STATES = 10  # identities among the entries of P take minutes beyond it
+if TYPE_CHECKING:
+    from certify.search.facial import Family
+    from certify.search.frequency import Witness
 
 
 def propose_dgu(port: LinearPort) -> Iterator[Proposal]:
@@ -22,38 +26,76 @@ def propose_dgu(port: LinearPort) -> Iterator[Proposal]:
     if part is not None:
         yield Proposal("proved", "quadratic-storage", {"storage": to_rows(part)})
 
-    from certify.search.facial import Family
-    from certify.search.frequency import find_frequency_witness
+    from certify.search.frequency import Response, find_coarse_witness, find_witness
 
-    family = None
+    response = Response.of(port)
+    witness = find_coarse_witness(response)
+    if witness:
+        yield refutation(witness)
+    reduction = None
     if part is None:
-        from certify.search.lmi import solve_family
-
-        family = Family(port)
-        family.reduce()
-        P = solve_family(family)
+        reduction = reduce_port(port)
+        P = find_storage(port, reduction)
         if P is not None:
             below = P if port.capacitance_farad is None else tuple(row[2:] for row in P[2:])
             yield Proposal("proved", "quadratic-storage", {"storage": to_rows(below)})
-    witness = find_frequency_witness(port)
+    from certify.search.contradiction import find_contradiction, find_unreached_mode
+
+    data = find_unreached_mode(port)
+    if data:
+        yield Proposal("refuted", "storage-contradiction", data)
+    witness = find_witness(response)
     if witness:
-        s0, u = witness
-        yield Proposal("refuted", "frequency-witness", {"s0": to_text(s0), "u": [to_text(x) for x in u]})
-    if len(port.F) > MAX_CONTRADICTION_STATES:
-        return
-    family = family or Family(port)
-    family.reduce(with_storage=True)
-    found = family.contradiction()
-    if found:
-        data = {
-            "faces": [_face(face) for face in found.faces],
-            "W": to_rows(found.W),
-            "Y": to_rows(found.Y),
-            "y": [to_text(v) for v in found.y],
-        }
+        yield refutation(witness)
+    data = find_contradiction(port)
+    if data:
         yield Proposal("refuted", "storage-contradiction", data)
 
 
-def _face(face: Face) -> dict[str, Any]:
-    kind = "storage" if face.of_storage else "dissipation"
-    return {"of": kind, "u": to_text(face.u), "Y": to_rows(face.Y), "y": [to_text(v) for v in face.y]}
+def refutation(witness: Witness, corner: str = "") -> Proposal:
+    data: dict[str, Any] = witness_data(witness)
+    return Proposal("refuted", "frequency-witness", data | ({"corner": corner} if corner else {}))
+
+
+def witness_data(witness: Witness) -> dict[str, Any]:
+    return {"s0": to_text(witness.s0), "u": [to_text(x) for x in witness.u]}
+
+
+def reduce_port(port: LinearPort) -> Family:
+    """The family of storage matrices after all facial reduction: known images, then frequencies without dissipation.
+
+    If its `obstacle` is set, a u with u'M u < 0 (or u'P u < 0) all over the family, there is no storage matrix.
+    """
+    from certify.search.facial import Family
+    from certify.search.spectral import axis_factors, axis_pairs, reduce_to_riccati
+
+    family = Family(port)
+    while family.reduce_known() and family.is_free():
+        reduced = reduce_to_riccati(family)
+        if not reduced.R.ncols():
+            break
+        H = reduced.riccati.hamiltonian()
+        faces = [reduced.lift(axis_pairs(H, factor.f)) for factor in axis_factors(H) if factor.entirely]
+        grown = [family.impose_face(U) for U in faces]
+        if not any(grown):
+            break
+    return family
+
+
+def find_storage(port: LinearPort, family: Family) -> Matrix | None:
+    """A storage matrix that the kernel's rule accepts, or None."""
+    from certify.search.lmi import solve_family, solve_free
+    from certify.search.spectral import reduce_to_riccati
+
+    def accept(P: Matrix) -> bool:
+        try:
+            quadratic_storage(port, P)
+        except RuleFailure:
+            return False
+        return True
+
+    if family.point is None or family.obstacle is not None:
+        return None
+    if family.is_free():
+        return solve_free(reduce_to_riccati(family), accept)
+    return solve_family(family, accept)

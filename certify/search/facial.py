@@ -1,180 +1,159 @@
 """Exact facial reduction of the storage LMI: P B = C', M = -(F'P + PF) >= 0, in the entries of P (THEORY 4).
 
-The LMI never has an interior here, so equations come first. Each equation is kept with what it is made of, so that
-a contradiction between them can be handed to the kernel as an identity.
+The LMI never has an interior here, so equations come first. On the vectors whose image under P is known, M is a
+constant form: it must be >= 0, and where it vanishes M u = 0 follows, which makes further images known. When that
+comes to rest, frequencies are left at which nothing dissipates: `spectral` finds them, and they bring faces of
+higher rank.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 
-from certify.kernel.linalg import (
-    ZERO,
-    Matrix,
-    Vector,
-    add,
-    apply,
-    identity,
-    ldl_pivots,
-    multiply,
-    null_space,
-    row_reduce,
-    scale,
-    transpose,
-    zeros,
-)
+from certify.kernel.linalg import Matrix, Vector, ldl_pivots
 from certify.kernel.model import LinearPort
-from certify.kernel.rules import Face, dissipation, face_equation, outer
-
-
-def symmetric_part_twice(a: Matrix) -> Matrix:
-    return add(a, transpose(a))
+from certify.search import exact
+from certify.search.exact import Exact
 
 
 @dataclass(frozen=True)
-class Contradiction:
-    """Data of the kernel's rule `storage-contradiction`."""
+class Vectors:
+    """A face: M u = 0 (or P u = 0 if `of_storage`) for the columns u of U, because tr(M U diag(weights) U') = 0."""
 
-    faces: tuple[Face, ...]
-    W: Matrix
-    Y: Matrix
-    y: tuple[Vector, ...]
+    of_storage: bool
+    weights: Vector
+    U: Exact
 
 
-@dataclass
 class Family:
     """All symmetric P that satisfy the equations found so far: `point` plus any combination of `directions`."""
 
-    port: LinearPort
-    faces: list[Face] = field(default_factory=list)
-    point: Matrix | None = None
-    directions: tuple[Matrix, ...] = ()
+    def __init__(self, port: LinearPort) -> None:
+        self.port = port
+        self.n, self.m = len(port.F), len(port.C)
+        self.F, self.B, self.C = exact.to_flint(port.F), exact.to_flint(port.B), exact.to_flint(port.C)
+        self.index = {pair: k for k, pair in enumerate((i, j) for i in range(self.n) for j in range(i, self.n))}
+        self.faces: list[Vectors] = []
+        self.obstacle: tuple[bool, Vector] | None = None  # of storage or not, and the direction
+        self.point: Exact | None = None
+        self.directions: list[Exact] = []
+        # What is left of the equations: rows of a reduced echelon form, the right side last.
+        self.reduced = exact.to_flint((), len(self.index) + 1)
+        self._impose([(self.B, self.C.transpose())])
 
-    def __post_init__(self) -> None:
-        n, m = len(self.port.F), len(self.port.C)
-        self.unit, self.F_transposed = identity(n), transpose(self.port.F)
-        self.index = {pair: k for k, pair in enumerate((i, j) for i in range(n) for j in range(i, n))}
-        # One equation tr(P A) = b for each entry of Y, then for each entry of each face's multiplier.
-        self.equations: list[tuple[Matrix, Fraction]] = []
-        columns = transpose(self.port.B)
-        for a in range(n):
-            for k in range(m):
-                self.equations.append((symmetric_part_twice(outer(columns[k], self.unit[a])), 2 * self.port.C[k][a]))
-        self._solve()
+    def _image_rows(self, x: list[object]) -> list[list[object]]:
+        """The n rows of the map from the entries of P to P x."""
+        rows: list[list[object]] = [[0] * len(self.index) for _ in range(self.n)]
+        for (i, j), k in self.index.items():
+            rows[i][k] = x[j]
+            if i != j:
+                rows[j][k] = x[i]
+        return rows
 
-    def functional(self, A: Matrix) -> list[Fraction]:
-        """Coefficients of P -> tr(P A) in the entries of P on and above the diagonal."""
-        return [A[i][j] if i == j else A[i][j] + A[j][i] for i, j in self.index]
+    def _impose(self, images: Sequence[tuple[Exact, Exact]], dissipation: Exact | None = None) -> None:
+        """Add P X = Y for each (X, Y), and M u = 0 for each column u of `dissipation`."""
+        from flint import fmpq_mat
 
-    def _solve(self) -> None:
         size = len(self.index)
-        rows, pivots = row_reduce([(*self.functional(A), b) for A, b in self.equations], size + 1)
+        entries: list[object] = []
+        count = 0
+        for X, Y in images:
+            for column, right in zip(X.transpose().tolist(), Y.transpose().tolist(), strict=True):
+                for row, value in zip(self._image_rows(column), right, strict=True):
+                    entries += [*row, value]
+                    count += 1
+        if dissipation is not None:
+            lifted = self.F * dissipation
+            for u, v in zip(dissipation.transpose().tolist(), lifted.transpose().tolist(), strict=True):
+                total = self.F.transpose() * exact.of_rows(self._image_rows(u), size)
+                total += exact.of_rows(self._image_rows(v), size)
+                for row in total.tolist():
+                    entries += [*row, 0]
+                count += self.n
+        stacked = fmpq_mat(self.reduced.nrows() + count, size + 1, [*self.reduced.entries(), *entries])
+        echelon, rank = stacked.rref()
+        rows = echelon.tolist()[:rank]
+        self.reduced = fmpq_mat(rank, size + 1, [x for row in rows for x in row])
+        pivots = [next(j for j in range(size + 1) if row[j] != 0) for row in rows]
+        self.point, self.directions = None, []
         if size in pivots:
-            self.point, self.directions = None, ()
             return
-        point = [ZERO] * size
-        for row, pivot in zip(rows, pivots, strict=True):
-            point[pivot] = row[-1]
-        self.point = self._matrix(point)
-        self.directions = tuple(self._matrix(v) for v in null_space([row[:-1] for row in rows], size))
+        free = [j for j in range(size) if j not in set(pivots)]
+        self.point = self._matrix({p: row[size] for p, row in zip(pivots, rows, strict=True)})
+        for j in free:
+            self.directions.append(self._matrix({j: 1, **{p: -row[j] for p, row in zip(pivots, rows, strict=True)}}))
 
-    def _matrix(self, entries: list[Fraction] | Vector) -> Matrix:
-        n = len(self.port.F)
-        return tuple(tuple(entries[self.index[min(i, j), max(i, j)]] for j in range(n)) for i in range(n))
+    def _matrix(self, entries: dict[int, object]) -> Exact:
+        from flint import fmpq_mat
 
-    def members(self) -> tuple[Matrix, ...]:
-        """The point and the directions: what vanishes on all of them vanishes on the family."""
-        return () if self.point is None else (self.point, *self.directions)
+        n = self.n
+        flat = [entries.get(self.index[min(i, j), max(i, j)], 0) for i in range(n) for j in range(n)]
+        return fmpq_mat(n, n, flat)
 
-    def is_face(self, u: Vector, of_storage: bool = False) -> bool:
-        """Whether u' M(P) u, or u' P u, vanishes for every P of the family, and M u or P u does not yet."""
-        if not any(u) or self.point is None:
-            return False
-        image = u if of_storage else apply(self.port.F, u)
-        if any(sum((x * y for x, y in zip(apply(P, u), image, strict=True)), ZERO) for P in self.members()):
-            return False
-        if of_storage:
-            return any(any(apply(P, u)) for P in self.members())
-        # M u = -(F' P u + P F u)
-        pairs = ((apply(self.F_transposed, apply(P, u)), apply(P, image)) for P in self.members())
-        return any(x + y for parts in pairs for x, y in zip(*parts, strict=True))
+    def dissipation(self, P: Exact) -> Exact:
+        half = P * self.F
+        return -(half + half.transpose())
 
-    def impose(self, u: Vector, of_storage: bool = False) -> None:
-        """Add the equations M u = 0, or P u = 0, with the identity that forces them."""
-        square = outer(u if of_storage else apply(self.port.F, u), u)
-        found = self.combination(symmetric_part_twice(square), ZERO)
-        if found is None:
-            raise ArithmeticError("the face is not implied by the equations")
-        self.faces.append(Face(of_storage, u, *found))
-        for e in self.unit:
-            A = symmetric_part_twice(face_equation(self.port.F, self.faces[-1], e))
-            self.equations.append((A, ZERO))
-        self._solve()
+    def known(self) -> tuple[Exact, Exact]:
+        """A basis K (columns) of the vectors whose image P K is the same all over the family, and that image."""
+        from flint import fmpq_mat
 
-    def combination(self, target: Matrix, b: Fraction | None) -> tuple[Matrix, tuple[Vector, ...]] | None:
-        """Multipliers (Y, y) of the equations whose sum is the matrix `target` and the right side b (any if None)."""
-        columns = [self.functional(A) + ([value] if b is not None else []) for A, value in self.equations]
-        right = self.functional(target) + ([b] if b is not None else [])
-        rows = [(*row, r) for row, r in zip(zip(*columns, strict=True), right, strict=True)]
-        reduced, pivots = row_reduce(rows, len(columns) + 1)
-        if len(columns) in pivots:
-            return None
-        values = [ZERO] * len(columns)
-        for row, pivot in zip(reduced, pivots, strict=True):
-            values[pivot] = row[-1]
-        n, m = len(self.port.F), len(self.port.C)
-        Y = tuple(tuple(values[a * m + k] for k in range(m)) for a in range(n))
-        y = tuple(tuple(values[n * m + f * n : n * m + (f + 1) * n]) for f in range((len(values) - n * m) // n))
-        return Y, y
-
-    def candidates(self) -> Iterator[Vector]:
-        """Directions that may be faces: integral action, the port itself, coordinates and their small sums."""
-        F, B, C = self.port.F, self.port.B, self.port.C
-        n = len(F)
-        outside = null_space(transpose(B), n)  # rows r with r B = 0
-        yield from null_space((*C, *(multiply(outside, F) if outside else ())), n)
-        yield from transpose(B)
-        yield from self.unit
-        for face in tuple(self.faces):
-            yield from (tuple(x + y for x, y in zip(face.u, e, strict=True)) for e in self.unit)
-
-    def reduce(self, with_storage: bool = False) -> None:
-        """Impose faces until no candidate gives a new equation or the equations contradict each other.
-
-        Faces of the storage leave only singular P: they are of use for contradictions, not for proofs.
-        """
-        kinds = (False, True) if with_storage else (False,)
-        while self.point is not None:
-            faces = ((u, kind) for kind in kinds for u in self.candidates() if self.is_face(u, kind))
-            first = next(faces, None)
-            if first is None:
-                return
-            self.impose(*first)
-
-    def contradiction(self) -> Contradiction | None:
-        """Why no P >= 0 of the family has M(P) >= 0, if the equations or a form with a fixed sign show it."""
-        n = len(self.port.F)
-        nothing = zeros(n, n)
         if self.point is None:
-            found = self.combination(nothing, Fraction(-1))
-            return Contradiction(tuple(self.faces), nothing, *found) if found else None
-        M = dissipation(self.port.F, self.point)
-        for form, is_storage in ((self.point, True), (M, False)):
-            for x in (find_negative_direction(form), *self.unit) if not self.directions else self.unit:
-                if x is None or sum((a * b for a, b in zip(x, apply(form, x), strict=True)), ZERO) >= 0:
-                    continue
-                square = outer(x, x)
-                if is_storage:
-                    target, W = square, nothing
-                else:
-                    product = multiply(self.port.F, square)
-                    target, W = scale(-1, symmetric_part_twice(product)), square
-                found = self.combination(target, None)
-                if found:
-                    return Contradiction(tuple(self.faces), W, *found)
-        return None
+            raise ValueError("the family is empty")
+        if not self.directions:
+            return exact.identity(self.n), self.point
+        flat = [x for D in self.directions for x in D.entries()]
+        K = exact.null_space(fmpq_mat(self.n * len(self.directions), self.n, flat))
+        return K, self.point * K
+
+    def reduce_known(self) -> bool:
+        """Impose what the constant parts of M and P force, to the end. False if no storage matrix is left."""
+        while self.point is not None:
+            K, image = self.known()
+            form = exact.from_flint(K.transpose() * self.dissipation(self.point) * K)
+            for of_storage, known in ((False, form), (True, exact.from_flint(K.transpose() * image))):
+                negative = find_negative_direction(known)
+                if negative is not None:
+                    u = exact.column_vectors(K * exact.to_flint([[x] for x in negative]))[0]
+                    self.obstacle = (of_storage, u)
+                    return False
+            if not K.ncols() or not self.impose_face(K * exact.null_space(exact.to_flint(form))):
+                return True
+        return False
+
+    def impose_face(self, U: Exact, weights: Vector | None = None, of_storage: bool = False) -> bool:
+        """Add M u = 0 (P u = 0) for the columns of U that do not satisfy it yet, if there are any.
+
+        Without weights each column is a face of its own; with them the columns are one face together.
+        """
+        if self.point is None:
+            return False
+        members = [self.point, *self.directions]
+        images = [P * U if of_storage else self.dissipation(P) * U for P in members]
+        fresh = [j for j in range(U.ncols()) if any(image[i, j] != 0 for image in images for i in range(self.n))]
+        if not fresh:
+            return False
+        if weights is None:
+            chosen = exact.columns(U, fresh)
+            self.faces += [Vectors(of_storage, (Fraction(1),), exact.columns(U, [j])) for j in fresh]
+        else:
+            chosen = U
+            self.faces.append(Vectors(of_storage, weights, U))
+        if of_storage:
+            zero = chosen * 0
+            self._impose([(chosen, zero)])
+        else:
+            self._impose([], chosen)
+        return True
+
+    def is_free(self) -> bool:
+        """Whether the family is all P with the known images: then what is left is one Riccati inequality."""
+        if self.point is None:
+            return False
+        rest = self.n - self.known()[0].ncols()
+        return bool(len(self.directions) == rest * (rest + 1) // 2)
 
 
 def find_negative_direction(A: Matrix) -> Vector | None:
@@ -183,7 +162,7 @@ def find_negative_direction(A: Matrix) -> Vector | None:
         return None
     n = len(A)
     rows = [list(row) for row in A]
-    basis = [list(row) for row in identity(n)]  # congruence: rows = basis A basis'
+    basis = [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]  # congruence: rows = basis A basis'
     for k in range(n):
         if rows[k][k] < 0:
             return tuple(basis[k])

@@ -1,8 +1,8 @@
 """Frequency witnesses: a point of the right half-plane where a port takes power out of nothing (THEORY 4).
 
-First a sweep in floats for a witness with small numbers, then exact polynomials: on a vertical line the smallest
-eigenvalue of Z + Z* is negative somewhere iff one of three rational polynomials in the squared frequency is, and
-Sturm sequences decide that. Both only propose; the kernel's rule disposes.
+Candidates come from a coarse sweep in floats, from the poles of the closed loop, and from the Hamiltonian matrix of
+a level: the imaginary eigenvalues of H(eps) are the frequencies at which an eigenvalue of Z + Z* crosses -2 eps, so
+between them the response is below the level everywhere or nowhere. All of it only proposes; the kernel disposes.
 """
 
 from __future__ import annotations
@@ -11,197 +11,243 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
+from typing import Any
 
-from certify.kernel import poly
+from flint import fmpq
+
 from certify.kernel.errors import RuleFailure
-from certify.kernel.linalg import Matrix, add, identity, multiply, scale
 from certify.kernel.model import LinearPort
-from certify.kernel.poly import Polynomial, to_polynomial
 from certify.kernel.rules import frequency_witness
-from certify.search.roots import find_negative_point, round_to_digits
+from certify.search import exact
+from certify.search.exact import Exact, to_fraction
+from certify.search.roots import round_to_digits, square_root
+from certify.search.spectral import Riccati, even_part, negative_roots
 
-MAX_EXACT_DEGREE = 10  # beyond it the exact polynomials take minutes
 Complex = tuple[Fraction, Fraction]
-Witness = tuple[Complex, tuple[Complex, ...]]
+LEVELS = (3, 8, 16, 40, 80, 160)  # minus the decimal exponents of the levels, relative to the size of the response
+APPROACHES = (1, 2, 3, 4, 6, 8, 12, 20, 40, 80, 160)  # decimal digits by which s0 comes near the imaginary axis
 
 
 @dataclass(frozen=True)
-class Transfer:
-    """Z(s) = N(s) / D(s): matrix of polynomials over the characteristic polynomial of F."""
+class Witness:
+    """Data of the kernel's rule `frequency-witness`, and the power Re(u* Z(s0) u) in ohm."""
 
-    N: tuple[tuple[Polynomial, ...], ...]
-    D: Polynomial
-
-
-def transfer(port: LinearPort) -> Transfer:
-    """The exact transfer function from d to z, by the recursion of Faddeev and LeVerrier."""
-    n, m = len(port.F), len(port.C)
-    coefficients = [Fraction(1)]  # of D, leading one first
-    term: Matrix = identity(n)
-    numerators = []
-    for k in range(1, n + 1):
-        numerators.append(multiply(port.C, multiply(term, port.B)))
-        product = multiply(port.F, term)
-        coefficients.append(-sum((product[i][i] for i in range(n)), Fraction(0)) / k)
-        term = add(product, scale(coefficients[-1], identity(n)))
-    N = tuple(tuple(to_polynomial(x[i][j] for x in reversed(numerators)) for j in range(m)) for i in range(m))
-    return Transfer(N, to_polynomial(reversed(coefficients)))
+    s0: Complex
+    u: tuple[Complex, ...]
+    power: Fraction
 
 
-def find_frequency_witness(port: LinearPort) -> Witness | None:
+@dataclass(frozen=True)
+class Response:
+    """A port, and its exact transfer function at rational points."""
+
+    port: LinearPort
+    F: Exact
+    B: Exact
+    C: Exact
+
+    @staticmethod
+    def of(port: LinearPort) -> Response:
+        return Response(port, exact.to_flint(port.F), exact.to_flint(port.B), exact.to_flint(port.C))
+
+    def hermitian(self, s0: Complex) -> tuple[Fraction, ...] | None:
+        """(a,) or (a, c, re b, im b) of (Z + Z*)/2 = [[a, b], [conj b, c]] at s0; None at an eigenvalue of F."""
+        n, m = self.F.nrows(), self.C.nrows()
+        sigma, omega = (fmpq(x.numerator, x.denominator) for x in s0)
+        one = exact.identity(n)
+        inner, turn = one * sigma - self.F, one * omega
+        try:
+            x = exact.block([[inner, -turn], [turn, inner]]).solve(exact.block([[self.B], [self.B * 0]]))
+        except ZeroDivisionError:
+            return None
+        rows = x.tolist()
+        re, im = (self.C * exact.of_rows(part, m) for part in (rows[:n], rows[n:]))
+        if m == 1:
+            return (to_fraction(re[0, 0]),)
+        if m != 2:
+            raise ValueError("a port has one or two channels")
+        entries = (re[0, 0], re[1, 1], (re[0, 1] + re[1, 0]) / 2, (im[0, 1] - im[1, 0]) / 2)
+        return tuple(to_fraction(x) for x in entries)
+
+    def witness_at(self, s0: Complex) -> Witness | None:
+        """A direction u in which the port gives power away at s0, with few digits if possible."""
+        if s0[0] <= 0:
+            return None
+        form = self.hermitian(s0)
+        if form is None or is_semidefinite(form):
+            return None
+        for u in _directions(form):
+            if power_of(form, u) < 0:
+                try:
+                    return Witness(s0, u, frequency_witness(self.port, s0, u))
+                except RuleFailure:
+                    continue
+        return None
+
+
+def is_semidefinite(form: tuple[Fraction, ...]) -> bool:
+    if len(form) == 1:
+        return form[0] >= 0
+    a, c, x, y = form
+    return a >= 0 and c >= 0 and a * c >= x * x + y * y
+
+
+def power_of(form: tuple[Fraction, ...], u: tuple[Complex, ...]) -> Fraction:
+    """u* (Z + Z*)/2 u."""
+    if len(form) == 1:
+        return form[0] * (u[0][0] ** 2 + u[0][1] ** 2)
+    a, c, x, y = form
+    (p, q), (r, t) = u
+    # conj(u0) b u1: real part of (p - jq)(x + jy)(r + jt)
+    real, imaginary = p * x + q * y, p * y - q * x
+    return a * (p * p + q * q) + c * (r * r + t * t) + 2 * (real * r - imaginary * t)
+
+
+def _directions(form: tuple[Fraction, ...]) -> Iterator[tuple[Complex, ...]]:
+    one, zero = (Fraction(1), Fraction(0)), (Fraction(0), Fraction(0))
+    if len(form) == 1:
+        yield (one,)
+        return
+    yield (one, zero)
+    yield (zero, one)
+    a, c, x, y = form
+    if a > 0 or c > 0:
+        best = (-x / c, y / c) if c > 0 else (-x / a, -y / a)
+        for digits in (1, 2, 4, 8, 16, 40, 90):
+            rounded = (round_to_digits(best[0], digits), round_to_digits(best[1], digits))
+            yield (one, rounded) if c > 0 else (rounded, one)
+        yield (one, best) if c > 0 else (best, one)
+    else:
+        yield from ((one, (p, q)) for p in (Fraction(1), Fraction(-1)) for q in (Fraction(1), Fraction(-1)))
+
+
+def find_coarse_witness(response: Response) -> Witness | None:
+    """A witness with small numbers from a sweep in floats: cheap, and enough for most ports that are not passive."""
+    for omega in worst_frequencies(response.port)[:3]:
+        rounded = round_to_digits(Fraction(omega), 1)
+        for k in (0, 1, 2, 4):
+            found = response.witness_at((rounded / 10**k, rounded))
+            if found:
+                return found
+    return None
+
+
+def find_witness(response: Response) -> Witness | None:
     """A witness that the kernel accepts, or None if none is found."""
-    system = transfer(port)
-    for s0 in _candidates(system):
-        witness = _witness_at(port, system, s0)
-        if witness:
-            return witness
+    for s0 in _candidates(response):
+        found = response.witness_at(s0)
+        if found:
+            return found
     return None
 
 
-def _candidates(system: Transfer) -> Iterator[Complex]:
-    yield from _sweep(system)
-    if len(system.D) > MAX_EXACT_DEGREE + 1:
-        return
-    on_axis = _negative_frequency(system, Fraction(0))
-    if on_axis is not None:
-        yield from ((on_axis / 10**k, on_axis) for k in range(0, 140, 2))
-    for sigma in _lines(system):
-        omega = _negative_frequency(system, sigma)
-        if omega is not None:
-            yield sigma, omega
-
-
-def _float_value(p: Polynomial, s: complex) -> complex:
-    total = 0j
-    for a in reversed(p):
-        total = total * s + float(a)
-    return total
-
-
-def _sweep(system: Transfer) -> Iterator[Complex]:
-    """Points with two digits near the most negative place of a coarse sweep along the imaginary axis."""
-    found = []
-    try:
-        for k in range(-30, 71):
-            omega = 10 ** (k / 10)
-            denominator = _float_value(system.D, 1j * omega)
-            if not denominator:
-                continue
-            values = [[_float_value(p, 1j * omega) / denominator for p in row] for row in system.N]
-            size = sum(abs(x) for row in values for x in row)
-            least = values[0][0].real
-            if len(values) == 2:
-                a, d = values[0][0].real, values[1][1].real
-                b = abs(values[0][1] + values[1][0].conjugate()) / 2
-                least = (a + d) / 2 - math.hypot((a - d) / 2, b)
-            if least < -1e-9 * size:
-                found.append((least / size, omega))
-    except OverflowError:
-        return
-    for _, omega in sorted(found)[:3]:
-        exponent = math.floor(math.log10(omega)) - 1
-        rounded = round(omega / 10.0**exponent) * Fraction(10) ** exponent
-        for k in range(6):
-            yield rounded / 10**k, rounded
-
-
-def _on_line(p: Polynomial, sigma: Fraction) -> tuple[Polynomial, Polynomial]:
-    """Real and imaginary part of p(sigma + j omega) as polynomials in omega."""
-    shifted: Polynomial = ()
-    for a in reversed(p):
-        shifted = poly.add(poly.multiply(shifted, to_polynomial([sigma, 1])), to_polynomial([a]))
-    signs = (1, 1, -1, -1)
-    parts = [[c * signs[k % 4] if k % 2 == part else 0 for k, c in enumerate(shifted)] for part in (0, 1)]
-    return to_polynomial(parts[0]), to_polynomial(parts[1])
-
-
-def _hermitian(system: Transfer, sigma: Fraction) -> list[Polynomial]:
-    """Polynomials in x = omega^2 that are all >= 0 iff Z + Z* >= 0 on the line Re s = sigma."""
-    D = _on_line(system.D, sigma)
-    N = [[_on_line(p, sigma) for p in row] for row in system.N]
-
-    def times_conjugate(a: tuple[Polynomial, Polynomial], b: tuple[Polynomial, Polynomial]) -> tuple[Polynomial, ...]:
-        real = poly.add(poly.multiply(a[0], b[0]), poly.multiply(a[1], b[1]))
-        return real, poly.add(poly.multiply(a[1], b[0]), poly.scale(-1, poly.multiply(a[0], b[1])))
-
-    diagonal = [poly.scale(2, times_conjugate(N[i][i], D)[0]) for i in range(len(N))]
-    result = list(diagonal)
-    if len(N) == 2:
-        upper, lower = times_conjugate(N[0][1], D), times_conjugate(N[1][0], D)
-        real, imaginary = poly.add(upper[0], lower[0]), poly.add(upper[1], poly.scale(-1, lower[1]))
-        square = poly.add(poly.multiply(real, real), poly.multiply(imaginary, imaginary))
-        determinant = poly.add(poly.multiply(diagonal[0], diagonal[1]), poly.scale(-1, square))
-        modulus = poly.add(poly.multiply(D[0], D[0]), poly.multiply(D[1], D[1]))
-        result.append(poly.divide(determinant, modulus)[0])
-    return [to_polynomial(p[0::2]) for p in result]
-
-
-def _negative_frequency(system: Transfer, sigma: Fraction) -> Fraction | None:
-    """A frequency at which Z + Z* is not positive semidefinite on the line Re s = sigma, if there is one."""
-    for p in _hermitian(system, sigma):
-        omega = find_negative_point(p)
-        if omega is not None:
-            return omega
-    return None
-
-
-def _lines(system: Transfer) -> Iterator[Fraction]:
-    """Real parts worth trying when the imaginary axis shows nothing: around each pole, and all over."""
+def worst_frequencies(port: LinearPort) -> list[float]:
+    """Frequencies in rad/s where (Z + Z*)/2 is negative as far as floats tell, the worst first, by eigenvalues of F."""
     import numpy
 
-    sizes = [abs(float(c)) ** (1 / (len(system.D) - 1 - k)) for k, c in enumerate(system.D[:-1]) if c]
-    scale_ = max([1.0, *sizes])
-    scaled = [float(c / Fraction(scale_) ** (len(system.D) - 1 - k)) for k, c in enumerate(system.D)]
-    poles = [scale_ * complex(z) for z in numpy.roots(scaled[::-1])]
-    for k in (1, 3, 6, 10, 15, 20, 30):
-        for pole in poles:
-            if pole.real > 0:
-                yield from (Fraction(pole.real) * (1 + sign * Fraction(1, 2**k)) for sign in (1, -1))
-    for k in range(-60, 13, 4):
-        yield Fraction(10) ** k
+    try:
+        F, B, C = (numpy.array([[float(x) for x in row] for row in a]) for a in (port.F, port.B, port.C))
+        with numpy.errstate(all="ignore"):
+            poles, V = numpy.linalg.eig(F)
+            left, right = C @ V, numpy.linalg.solve(V, B.astype(complex))
+            sizes = [abs(p) for p in poles if p]
+            low, high = min(sizes, default=1.0) / 1e3, max(sizes, default=1.0) * 1e3
+            grid = numpy.geomspace(max(low, 1e-12), min(high, 1e15), 120)
+            grid = numpy.unique(numpy.concatenate([grid, [s for s in sizes if low < s < high]]))
+            Z = numpy.einsum("ik,wk,kj->wij", left, 1 / (1j * grid[:, None] - poles[None, :]), right)
+            least = numpy.linalg.eigvalsh(Z + Z.conj().transpose(0, 2, 1))[:, 0]
+            size = numpy.abs(Z).sum(axis=(1, 2))
+    except (OverflowError, numpy.linalg.LinAlgError):
+        return []
+    ratio = least / numpy.maximum(size, 1e-300)
+    order = numpy.argsort(ratio)
+    return [float(grid[k]) for k in order if numpy.isfinite(ratio[k]) and ratio[k] < -1e-9]
 
 
-def _witness_at(port: LinearPort, system: Transfer, s0: Complex) -> Witness | None:
-    """A direction u for this point, with few digits if possible."""
-    sigma, omega = s0
-    if sigma <= 0:
-        return None
-
-    def value(p: Polynomial) -> Complex:
-        real, imaginary = _on_line(p, sigma)
-        return poly.evaluate(real, omega), poly.evaluate(imaginary, omega)
-
-    d = value(system.D)
-    size = d[0] ** 2 + d[1] ** 2
-    if not size:
-        return None
-    Z = [[_divide(value(p), d, size) for p in row] for row in system.N]
-    one, zero = (Fraction(1), Fraction(0)), (Fraction(0), Fraction(0))
-    directions: list[tuple[Complex, ...]] = []
-    if len(Z) == 1:
-        directions = [(one,)]
-    else:
-        a, c = Z[0][0][0], Z[1][1][0]
-        b = ((Z[0][1][0] + Z[1][0][0]) / 2, (Z[0][1][1] - Z[1][0][1]) / 2)  # upper corner of the Hermitian part
-        if a >= 0 and c >= 0 and a * c >= b[0] ** 2 + b[1] ** 2:
-            return None
-        directions = [(one, zero), (zero, one)]
-        if a > 0 or c > 0:
-            exact = (-b[0] / c, b[1] / c) if c > 0 else (-b[0] / a, -b[1] / a)
-            for digits in (1, 2, 4, 8, 16, 40, 90):
-                rounded = (round_to_digits(exact[0], digits), round_to_digits(exact[1], digits))
-                directions.append((one, rounded) if c > 0 else (rounded, one))
-            directions.append((one, exact) if c > 0 else (exact, one))
-        else:
-            directions += [(one, (x, y)) for x in (Fraction(1), Fraction(-1)) for y in (Fraction(1), Fraction(-1))]
-    for u in directions:
-        try:
-            frequency_witness(port, s0, u)
-        except RuleFailure:
-            continue
-        return s0, u
-    return None
+def _candidates(response: Response) -> Iterator[Complex]:
+    yield from _around_poles(response)
+    for omega in _below_levels(response):
+        size = omega or Fraction(1)
+        for k in APPROACHES:
+            yield size / 10**k, omega
 
 
-def _divide(a: Complex, d: Complex, size: Fraction) -> Complex:
-    return (a[0] * d[0] + a[1] * d[1]) / size, (a[1] * d[0] - a[0] * d[1]) / size
+def poles_of(F: Exact) -> list[Complex]:
+    """Real and imaginary parts of the eigenvalues of F, as rationals of many digits."""
+    return [(_middle(root.real), _middle(root.imag)) for root, _ in F.charpoly().numer().complex_roots()]
+
+
+def _middle(x: Any) -> Fraction:
+    mantissa, exponent = x.mid().man_exp()
+    return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+
+
+# Directions from a pole, as (cos, sin).
+_COMPASS = tuple(
+    (Fraction(c), Fraction(s)) for c, s in ((1, 0), (0, 1), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
+)
+
+
+def _around_poles(response: Response) -> Iterator[Complex]:
+    """Points around each pole that is not well inside the left half-plane: there Z turns to any direction."""
+    poles = [(x, y) for x, y in poles_of(response.F) if y >= 0]
+    for k in (1, 2, 4, 8, 16, 40):
+        for x, y in poles:
+            size = max(abs(x), abs(y)) or Fraction(1)
+            if x < -size / 10**k:
+                continue
+            for c, s in _COMPASS:
+                point = (x + c * size / 10**k, y + s * size / 10**k)
+                yield round_to_digits(point[0], k + 1), round_to_digits(point[1], k + 1)
+
+
+def level_hamiltonian(response: Response, level: Fraction) -> Exact:
+    """H(eps) of the inequality [[M, C' - P B], [., 2 eps I]] >= 0."""
+    m = response.C.nrows()
+    N = exact.identity(m) * fmpq((2 * level).numerator, (2 * level).denominator)
+    return Riccati(response.F, response.B, N, -response.C, response.F * 0).hamiltonian()
+
+
+def crossings(H: Exact) -> list[Fraction]:
+    """The frequencies omega > 0 of imaginary eigenvalues of H, in order, as rationals of many digits."""
+    found = sorted(
+        square_root(abs(_middle(x)), 30) for x, _ in negative_roots(even_part(H)) if not x.contains(0) and x < 0
+    )
+    return [x for x in found if x]
+
+
+def between(frequencies: list[Fraction]) -> Iterator[Fraction]:
+    """A frequency below the first, one in each gap, one above the last; with few digits where there is room."""
+    if not frequencies:
+        yield Fraction(1)
+        return
+    yield Fraction(0)
+    ends = [frequencies[0] / 10**6, *frequencies, frequencies[-1] * 10]
+    for low, high in pairwise(ends):
+        middle = square_root(low * high, 20) if high > 2 * low else (low + high) / 2
+        for digits in (1, 3, 6, 12, 25, 60):
+            rounded = round_to_digits(middle, digits)
+            if low < rounded < high:
+                yield rounded
+                break
+
+
+def _below_levels(response: Response) -> Iterator[Fraction]:
+    size = typical_size(response)
+    for exponent in LEVELS:
+        H = level_hamiltonian(response, size / Fraction(10) ** exponent)
+        yield from between(crossings(H))
+
+
+def typical_size(response: Response) -> Fraction:
+    """A power of ten near the largest |Z| at some frequencies, in ohm."""
+    largest = Fraction(0)
+    for k in range(-2, 7, 2):
+        form = response.hermitian((Fraction(10) ** k, Fraction(10) ** k))
+        if form:
+            largest = max(largest, *(abs(x) for x in form))
+    if not largest:
+        return Fraction(1)
+    bits = largest.numerator.bit_length() - largest.denominator.bit_length()
+    return Fraction(10) ** math.ceil(bits * 0.30103)

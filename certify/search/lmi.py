@@ -1,107 +1,212 @@
-"""What facial reduction leaves of the storage LMI, solved by Clarabel through cvxpy and rounded back to rationals.
+"""What facial reduction leaves of the storage LMI: solved in floats, rounded to rationals, accepted by the kernel.
 
-The solver only proposes a point of the exact affine family; the kernel's rule decides whether it is a proof.
+The unknowns are X of the Riccati inequality if nothing else constrains P, else the coordinates of the affine family.
+States are balanced and time is scaled before a solver sees numbers; what it cannot do is left to high precision.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterator
 from fractions import Fraction
+from itertools import chain
+from typing import Any
 
-from certify.kernel.errors import RuleFailure
-from certify.kernel.linalg import Matrix, add, ldl_pivots, scale
-from certify.kernel.rules import dissipation, quadratic_storage
+from certify.kernel.linalg import Matrix
+from certify.search import exact
+from certify.search.exact import Exact
 from certify.search.facial import Family
-from certify.search.solvers import solve_problem
+from certify.search.spectral import Reduced, Riccati, riccati_candidates
 
-BOUNDS = (1e6, 1e3, 1e10)  # on the coordinates: no single one suits all scales
-ROUNDINGS = (2, 4, 8, 16)  # significant decimal digits tried, coarsest first: small numbers make short certificates
+ROUNDINGS = (3, 6, 10, 14)  # decimal digits kept of a solver's point, the fewest first: short certificates
+LONG_ROUNDINGS = (8, 16, 24, 40, 60, 100)  # of a point known in high precision
+Accept = Callable[[Matrix], bool]
 
 
-def solve_family(family: Family) -> Matrix | None:
-    """A storage matrix of the family that the kernel accepts, or None.
+def solve_free(reduced: Reduced, accept: Accept) -> Matrix | None:
+    """A storage matrix for a family in which only X is free, or None."""
+    if reduced.K.ncols() and reduced.a.det() == 0:
+        return None  # P is singular all over the family
+    if not reduced.R.ncols():
+        P = exact.from_flint(reduced.storage(reduced.riccati.Q))
+        return P if accept(P) else None
+    for candidates, digits in (
+        (balanced_candidates(reduced), ROUNDINGS),
+        (((X, None) for X in riccati_candidates(reduced.riccati)), LONG_ROUNDINGS),
+        (balanced_candidates(reduced, second_opinion=True), ROUNDINGS),
+    ):
+        for X, scales in candidates:
+            for count in digits:
+                P = exact.from_flint(reduced.storage(rounded(X, count, scales)))
+                if accept(P):
+                    return P
+    return None
 
-    The variables are the coordinates t of P(t) = point + sum t_k direction_k. States are scaled so that the diagonal
-    of a typical P is one; both P(t) and M(t), cut to where M is not forced to vanish, get the same margin.
-    """
+
+def rounded(X: Exact, digits: int, scales: list[Fraction] | None = None) -> Exact:
+    """X with so many digits of each entry, relative to its row and column; `scales` are known sizes of the states."""
+    n = X.nrows()
+    rows = exact.from_flint(X)
+    size = [_power_of_ten(abs(rows[i][i])) for i in range(n)] if scales is None else [1 / (d * d) for d in scales]
+    result = []
+    for i in range(n):
+        for j in range(n):
+            unit = _root_of_ten(size[i] * size[j]) / Fraction(10) ** digits
+            result.append(round(rows[i][j] / unit) * unit)
+    return exact.to_flint([result[i * n : (i + 1) * n] for i in range(n)])
+
+
+def _power_of_ten(x: Fraction) -> Fraction:
+    if not x:
+        return Fraction(1)
+    bits = x.numerator.bit_length() - x.denominator.bit_length()
+    return Fraction(10) ** round(bits * 0.30103)
+
+
+def _root_of_ten(x: Fraction) -> Fraction:
+    """A power of ten near the square root of x."""
+    bits = x.numerator.bit_length() - x.denominator.bit_length()
+    return Fraction(10) ** round(bits * 0.150515)
+
+
+def to_float(a: Exact) -> Any:
+    """As a numpy array; numbers out of the range of floats raise OverflowError."""
+    import numpy
+
+    flat = [float(x) for x in sum(exact.from_flint(a), ())]
+    return numpy.array(flat).reshape(a.nrows(), a.ncols())
+
+
+def balance(riccati: Riccati) -> list[Fraction]:
+    """Powers of two d with x = diag(d) x' in which rows and columns of A, G and S have like sizes."""
+    r = riccati.A.nrows()
+    A, G, S = (abs(to_float(a)) for a in (riccati.A, riccati.G, riccati.S))
+    exponents = [0] * r
+    if riccati.N.nrows():
+        weight = abs(to_float(riccati.N)).diagonal() ** 0.5
+        G, S = G / weight[None, :], S / weight[:, None]
+    for _ in range(30):
+        moved = False
+        for i in range(r):
+            out = sum(A[j, i] * 2.0 ** (exponents[i] - exponents[j]) for j in range(r) if j != i)
+            out += float(S[:, i].sum()) * 2.0 ** exponents[i]
+            into = sum(A[i, j] * 2.0 ** (exponents[j] - exponents[i]) for j in range(r) if j != i)
+            into += float(G[i, :].sum()) * 2.0 ** -exponents[i]
+            if out > 0 and into > 0:
+                step = round(math.log2(into / out) / 2)
+                exponents[i] += step
+                moved = moved or bool(step)
+        if not moved:
+            break
+    return [Fraction(2) ** e for e in exponents]
+
+
+def balanced_candidates(reduced: Reduced, second_opinion: bool = False) -> Iterator[tuple[Exact, list[Fraction]]]:
+    """Points of a solver for [[N, -(G'X + S)], [., -(A'X + XA + Q)]] >= 0 and P > 0, with the scales of the states."""
+    import numpy
+
+    from certify.search.solvers import Block, largest_margin
+
+    riccati = reduced.riccati
+    try:
+        d = balance(riccati)
+        D = exact.to_flint([[x if i == j else Fraction(0) for j in range(len(d))] for i, x in enumerate(d)])
+        inverse = D.inv()
+        A, G = to_float(inverse * riccati.A * D), to_float(inverse * riccati.G)
+        S, Q, N = to_float(riccati.S * D), to_float(D * riccati.Q * D), to_float(riccati.N)
+        floor = to_float(D * reduced.least() * D)
+    except OverflowError:
+        return
+    r, w = len(A), len(N)
+    if w:
+        factor = numpy.linalg.inv(numpy.linalg.cholesky(N))
+        G, S = G @ factor.T, factor @ S
+    rate = max(numpy.abs(A).max(), (numpy.abs(G) ** 2).max() if w else 0.0, numpy.abs(S).max() if w else 0.0, 1e-300)
+    A, G, S, Q = A / rate, G / rate**0.5, S / rate**0.5, Q / rate
+    pairs = [(i, j) for i in range(r) for j in range(i, r)]
+    units = numpy.zeros((len(pairs), r, r))
+    for k, (i, j) in enumerate(pairs):
+        units[k, i, j] = units[k, j, i] = 1.0
+    dissipated = -(numpy.einsum("ji,kjl->kil", A, units) + numpy.einsum("kij,jl->kil", units, A))
+    coefficients = numpy.zeros((len(pairs), w + r, w + r))
+    coefficients[:, w:, w:] = dissipated
+    constant = numpy.zeros((w + r, w + r))
+    constant[:w, :w], constant[w:, w:] = numpy.eye(w), -Q
+    if w:
+        cross = -numpy.einsum("ia,kij->kaj", G, units)
+        coefficients[:, :w, w:], coefficients[:, w:, :w] = cross, cross.transpose(0, 2, 1)
+        constant[:w, w:], constant[w:, :w] = -S, -S.T
+    blocks = [Block(constant, coefficients), Block(-floor, units)]
+    for point in largest_margin(blocks, second_opinion):
+        X = numpy.einsum("k,kij->ij", point[:-1], units)
+        exact_X = exact.to_flint([[Fraction(float(x)) for x in row] for row in X])
+        yield inverse * exact_X * inverse, d
+
+
+def solve_family(family: Family, accept: Accept) -> Matrix | None:
+    """A storage matrix of a family with equations between its unknowns, or None."""
     if family.point is None:
         return None
     if not family.directions:
-        return _accepted(family, family.point)
-    return _step_exactly(family) or _solve_numerically(family)
+        P = exact.from_flint(family.point)
+        return P if accept(P) else None
+    for P in chain(_along_lossless_directions(family), _coordinates(family)):
+        storage = exact.from_flint(P)
+        if accept(storage):
+            return storage
+    return None
 
 
-def _step_exactly(family: Family) -> Matrix | None:
+def _along_lossless_directions(family: Family) -> Iterator[Exact]:
     """Far along directions that are >= 0 and dissipate nothing, if there are any: M stays, P only grows."""
-    if family.point is None:
-        return None
-    free = [sign_ for D in family.directions for sign_ in (D, scale(-1, D)) if _is_free(family, sign_)]
+    from certify.kernel.linalg import ldl_pivots
+
+    def is_free(D: Exact) -> bool:
+        return all(x == 0 for x in family.dissipation(D).entries()) and ldl_pivots(exact.from_flint(D))[1]
+
+    free = [D * sign for D in family.directions for sign in (1, -1) if is_free(D * sign)]
     for exponent in range(-3, 16, 3) if free else ():
         P = family.point
         for D in free:
-            P = add(P, scale(Fraction(10) ** exponent, D))
-        if _accepted(family, P):
-            return P
-    return None
+            P = P + D * exact.to_flint([[Fraction(10) ** exponent]])[0, 0]
+        yield P
 
 
-def _is_free(family: Family, D: Matrix) -> bool:
-    return ldl_pivots(D)[1] and not any(any(row) for row in dissipation(family.port.F, D))
-
-
-def _solve_numerically(family: Family) -> Matrix | None:
-    if family.point is None:
-        return None
-    import cvxpy
+def _coordinates(family: Family) -> Iterator[Exact]:
+    """Points of a solver in the coordinates of the family, M cut to where it is not forced to vanish."""
     import numpy
 
-    F, n = family.port.F, len(family.port.F)
+    from certify.search.solvers import Block, largest_margin
+
     parts = [family.point, *family.directions]
-    size = [max((abs(float(P[i][i])) for P in parts if P[i][i]), default=1.0) or 1.0 for i in range(n)]
-    d = numpy.array([1 / numpy.sqrt(s) for s in size])
-    P_parts = [_to_float(P) * d[:, None] * d for P in parts]
-    rate = max(1.0, float(numpy.abs(_to_float(F) / d[:, None] * d).max()))
-    M_parts = [_to_float(dissipation(F, P)) * d[:, None] * d / rate for P in parts]
-    stacked = numpy.vstack(M_parts)
-    _, values, rows = numpy.linalg.svd(stacked)
+    try:
+        storages = [to_float(P) for P in parts]
+        losses = [to_float(family.dissipation(P)) for P in parts]
+        F = to_float(family.F)
+    except OverflowError:
+        return
+    size = numpy.array([max((abs(P[i, i]) for P in storages if P[i, i]), default=1.0) for i in range(family.n)])
+    d = 1 / numpy.sqrt(size)
+    rate = max(1e-300, float(numpy.abs(F / d[:, None] * d).max()))
+    storages = [P * d[:, None] * d for P in storages]
+    losses = [M * d[:, None] * d / rate for M in losses]
+    _, values, rows = numpy.linalg.svd(numpy.vstack(losses))
     keep = rows[: int((values > 1e-9 * max(values.max(), 1e-300)).sum())]
-    M_parts = [keep @ M @ keep.T for M in M_parts]
-    k = len(parts) - 1
+    losses = [keep @ M @ keep.T for M in losses]
     unit = [
-        max(float(numpy.abs(P).max()), float(numpy.abs(M).max()), 1e-300) if len(keep) else float(numpy.abs(P).max())
-        for P, M in zip(P_parts[1:], M_parts[1:], strict=True)
+        max(float(numpy.abs(P).max()), float(numpy.abs(M).max()) if len(keep) else 0.0, 1e-300)
+        for P, M in zip(storages[1:], losses[1:], strict=True)
     ]
-    t, margin = cvxpy.Variable(k), cvxpy.Variable()
-    P_t = P_parts[0] + sum(t[i] * (P_parts[i + 1] / unit[i]) for i in range(k))
-    M_t = M_parts[0] + sum(t[i] * (M_parts[i + 1] / unit[i]) for i in range(k))
-    bound = cvxpy.Parameter(nonneg=True)
-    constraints = [P_t >> margin * numpy.eye(n), margin <= 1, cvxpy.norm_inf(t) <= bound]
-    if len(keep):
-        constraints.append(M_t >> margin * numpy.eye(len(keep)))
-    problem = cvxpy.Problem(cvxpy.Maximize(margin), constraints)
-    for bound.value in BOUNDS:
-        if solve_problem(problem) is None or t.value is None:
-            continue
+    blocks = [
+        Block(values[0], numpy.array([a / u for a, u in zip(values[1:], unit, strict=True)]))
+        for values in ([storages, losses] if len(keep) else [storages])
+    ]
+    for point in chain(largest_margin(blocks), largest_margin(blocks, second_opinion=True)):
         for digits in ROUNDINGS:
             P = family.point
-            for value, u, direction in zip(t.value, unit, family.directions, strict=True):
-                P = add(P, scale(round_float(float(value) / u, digits), direction))
-            if _accepted(family, P):
-                return P
-    return None
-
-
-def _accepted(family: Family, P: Matrix) -> Matrix | None:
-    try:
-        quadratic_storage(family.port, P)
-    except RuleFailure:
-        return None
-    return P
-
-
-def _to_float(a: Matrix):  # type: ignore[no-untyped-def]
-    import numpy
-
-    return numpy.array([[float(x) for x in row] for row in a])
+            for value, u, direction in zip(point[:-1], unit, family.directions, strict=True):
+                P = P + direction * exact.to_flint([[round_float(float(value) / u, digits)]])[0, 0]
+            yield P
 
 
 def round_float(x: float, digits: int) -> Fraction:

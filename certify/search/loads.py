@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 
 from certify.kernel import poly
-from certify.kernel.model import LoadLaw, PowerTerm, power_polynomials
+from certify.kernel.linalg import Vector
+from certify.kernel.model import LoadLaw, PowerTerm, law_at, law_corners, less_conductance, power_polynomials
 from certify.kernel.poly import Polynomial, to_polynomial
 from certify.kernel.powers import power_enclosure
+from certify.kernel.proofs import MAX_SPREAD
 from certify.kernel.reader import Pair
 from certify.kernel.rules import jacobian_enclosure, jacobian_polynomials
 from certify.search.proposal import Proposal, to_text
@@ -20,23 +22,72 @@ BITS = 64  # of the enclosures on cells
 FINE_BITS = 600  # of the values from which a pair of voltages is built
 
 
-def propose_load(law: LoadLaw, band: Pair) -> Iterator[Proposal]:
-    """The exact rules first; then cells; then voltages that refute."""
-    whole = power_polynomials(law) is not None
+def propose_load(law: LoadLaw, band: Pair, strongly: bool = False) -> Iterator[Proposal]:
+    """The exact rules first; then cells; then voltages that refute, at the values and at corners of their box.
+
+    `strongly`: with a modulus of strong monotonicity, if there is one.
+    """
+    spread = sum(bool(term.spread) for term in (*law.active, *law.reactive))
+    if spread > MAX_SPREAD:
+        return
+    corners = dict(law_corners(law))
+    plain = law_at(law, "0" * len((*law.active, *law.reactive)))
+    if strongly:
+        yield from _strongly(list(corners.values()), band)
+    whole = power_polynomials(plain) is not None
     if whole:
         yield Proposal("proved", "monotone-polynomial")
-    elif len(law.active) == 1 and len(law.reactive) <= 1:
+    elif len(plain.active) == 1 and len(plain.reactive) <= 1:
         yield Proposal("proved", "monotone-exponential")
-    violations = find_violations(law, band)
-    if not whole and not violations:
-        points = find_cells(law, band)
+    if not whole and not any(find_violations(corner, band) for corner in corners.values()):
+        points = _common_cells(corners.values(), band)
         if points:
-            yield Proposal("proved", "monotone-enclosure", {"points": to_text(tuple(points)), "bits": str(BITS)})
-        violations = list(band)  # what is too small for floats to see is at an end, if anywhere within reach
-    for v in violations:
-        for pair, t in find_pairs(law, band, v):
-            data = {"v": str(v), "pair": to_text(pair), "t": str(t)}
-            yield Proposal("refuted", "voltage-pair", data)
+            yield Proposal("proved", "monotone-enclosure", {"points": to_text(points), "bits": str(BITS)})
+    for signs, corner in ({"": plain, **corners} if spread else {"": plain}).items():
+        # what is too small for floats to see is at an end of the band, if anywhere within reach
+        for v in find_violations(corner, band) or ([] if whole else list(band)):
+            for pair, t in find_pairs(corner, band, v):
+                data = {"v": str(v), "pair": to_text(pair), "t": str(t)}
+                yield Proposal("refuted", "voltage-pair", data | ({"corner": signs} if signs else {}))
+
+
+def _common_cells(laws: Iterable[LoadLaw], band: Pair) -> Vector | None:
+    """Points of a subdivision that serves all of these laws, or None."""
+    points: set[Fraction] = set()
+    for law in laws:
+        found = find_cells(law, band)
+        if found is None:
+            return None
+        points |= set(found)
+    return tuple(sorted(points))
+
+
+def _strongly(laws: list[LoadLaw], band: Pair) -> Iterator[Proposal]:
+    """Proofs with a modulus: a round number below the smallest eigenvalue that a grid of voltages shows."""
+    grid = [band[0] + (band[1] - band[0]) * Fraction(k, 32) for k in range(33)]
+    least = min(smallest_eigenvalue(law, v) for law in laws for v in grid)
+    for share in (0.95, 0.5, 0.1, 0.01):
+        if least * share > 1e-300:
+            modulus = round_to_digits(Fraction(least * share), 1)
+            shifted = [less_conductance(law, modulus) for law in laws]
+            if power_polynomials(shifted[0]) is not None:
+                yield Proposal("proved", "monotone-polynomial", {"modulus": str(modulus)})
+            elif points := _common_cells(shifted, band):
+                data = {"modulus": str(modulus), "points": to_text(points), "bits": str(BITS)}
+                yield Proposal("proved", "monotone-enclosure", data)
+
+
+def smallest_eigenvalue(law: LoadLaw, v: Fraction) -> float:
+    """Of the symmetric part of the Jacobian at one voltage, in siemens and in floats."""
+    G, D = determinant_value(law, v)
+    trace = G + (D + _cross(law, v)) / G if G else 0.0
+    return (trace - math.sqrt(max(trace * trace - 4 * D, 0.0))) / 2
+
+
+def _cross(law: LoadLaw, v: Fraction) -> float:
+    """(v B')^2 / 4 in floats."""
+    without = LoadLaw(law.active, ())
+    return determinant_value(without, v)[1] - determinant_value(law, v)[1]
 
 
 def find_cells(law: LoadLaw, band: Pair) -> list[Fraction] | None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from fractions import Fraction
 from typing import Any
 
-from certify.kernel.check import RULES, Context, Data, assumptions, overall, proof_key, statements
+from certify.kernel.check import proof_key
+from certify.kernel.claims import Context, assumptions, but_for_a_shortage, overall, statements
 from certify.kernel.errors import RuleFailure
+from certify.kernel.proofs import RULES, Data
 from certify.kernel.spec import Microgrid
 from certify.search.dgu import propose_dgu
 from certify.search.loads import propose_load
@@ -26,108 +29,188 @@ Progress = Callable[[int, int], None]
 
 def find_claims(grid: Microgrid, progress: Progress | None = None) -> dict[str, Any]:
     """The claims, proofs, ledger and verdict for a microgrid, as a certificate holds them; and notes on open claims."""
-    context = Context(grid)
-    known: dict[Any, Proposal | None] = {}
-    claims, notes = [], {}
-    proofs: dict[str, Any] = {}
-    expected = statements(context)
-    for count, (name, (subject, text)) in enumerate(expected.items()):
-        accepted = _decide(context, subject, known)
-        entry: dict[str, Any] = {"id": name, "statement": text, "status": "unknown", "rule": None, "proof": None}
-        if accepted:
-            key = proof_key(accepted.data)
-            proofs[key] = accepted.data
-            entry |= {"status": accepted.status, "rule": accepted.rule, "proof": key}
-        else:
-            notes[name] = _reason(context, subject)
-        context.status[name] = entry["status"]
-        claims.append(entry)
+    search = Search(grid)
+    for count, name in enumerate(search.expected):
+        search.decide(name)
         if progress:
-            progress(count + 1, len(expected))
-    return {
-        "claims": claims,
-        "proofs": proofs,
-        "assumptions": assumptions(grid),
-        "verdict": overall(context.status),
-        "notes": notes,
-    }
+            progress(count + 1, len(search.expected))
+    return search.result()
 
 
-def _decide(context: Context, subject: tuple[str, Any], known: dict[Any, Proposal | None]) -> Proposal | None:
-    """The first proposal that the kernel's rule accepts. Equal subsystems share the search."""
-    kind, what = subject
-    key = _content(context, kind, what)
-    if key in known:
-        proposals = iter([] if known[key] is None else [known[key]])
-    else:
-        proposals = propose(context, kind, what)
-    result = None
-    for proposal in _until_exhausted(proposals):
+class Search:
+    """Decides claim by claim, in the order of the certificate.
+
+    A DGU that is not passive may still do: with a shortage that lines make up for. Such a proof stands only if the
+    claim about its island follows from it; otherwise the refutation of its passivity is what one should know.
+    """
+
+    def __init__(self, grid: Microgrid) -> None:
+        self.context = Context(grid)
+        self.expected = statements(self.context)
+        self.known: dict[Any, Proposal | None] = {}
+        self.accepted: dict[str, Proposal | None] = {}
+        self.notes: dict[str, str] = {}
+
+    def result(self) -> dict[str, Any]:
+        claims, proofs = [], {}
+        for name, (_, text) in self.expected.items():
+            found = self.accepted[name]
+            entry: dict[str, Any] = {"id": name, "statement": text, "status": "unknown", "rule": None, "proof": None}
+            if found:
+                key = proof_key(found.data)
+                proofs[key] = found.data
+                entry |= {"status": found.status, "rule": found.rule, "proof": key}
+                if found.rule == "index-storage":
+                    entry["statement"] = but_for_a_shortage(text)
+            claims.append(entry)
+        return {
+            "claims": claims,
+            "proofs": proofs,
+            "assumptions": assumptions(self.context.grid),
+            "verdict": overall(self.context.status),
+            "notes": self.notes,
+        }
+
+    def decide(self, name: str) -> None:
+        (kind, what), _ = self.expected[name]
+        if kind == "dgu":
+            found = self._dgu(what)
+        elif kind == "load":
+            law, band = self.context.law(what)
+            strongly = what in self.context.shortages
+            found = self._first("load", what, (law, band, strongly), lambda: propose_load(law, band, strongly))
+        elif kind == "island":
+            found = self._first("island", what, None, lambda: self._pins(what))
+            if found is None:
+                self._give_up_shortages(what)
+        else:
+            rule = {"branch": "series-branch", "interconnection": "skew-incidence"}.get(kind, "passive-interconnection")
+            found = self._first(kind, what, None, lambda: iter([Proposal("proved", rule)]))
+        self._settle(name, found)
+
+    def _settle(self, name: str, found: Proposal | None) -> None:
+        self.accepted[name] = found
+        self.context.status[name] = found.status if found else "unknown"
+        self.notes.pop(name, None)
+        if found is None:
+            self.notes[name] = self._reason(self.expected[name][0])
+
+    def _first(self, kind: str, what: Any, content: Any, propose: Callable[[], Iterator[Proposal]]) -> Proposal | None:
+        """The first proposal that the kernel's rule accepts. Subjects of equal content share the search."""
+        key = (kind, content)
+        if content is not None and key in self.known:
+            again = self.known[key]
+            proposals = iter([again] if again else [])
+        else:
+            proposals = propose()
+        result = None
+        for proposal in _until_exhausted(proposals):
+            try:
+                RULES[kind, proposal.status, proposal.rule](self.context, what, Data(proposal.data))
+            except RuleFailure:
+                continue
+            result = proposal
+            break
+        if content is not None:
+            self.known[key] = result
+        return result
+
+    def _dgu(self, node: str) -> Proposal | None:
+        """Passivity; failing that, passivity but for a shortage; with tolerances, the latter at once."""
         try:
-            RULES[kind, proposal.status, proposal.rule](context, what, Data(proposal.data))
+            self.context.port(node)
         except RuleFailure:
-            continue
-        result = proposal
-        break
-    if key is not None:
-        known[key] = result
-    return result
+            return None
+        found = None if len(self.context.corners(node)) > 1 else self._passivity(node)
+        if found and found.status == "proved":
+            return found
+        return self._index(node) or found or self._passivity(node)
+
+    def _passivity(self, node: str) -> Proposal | None:
+        """EIP, or why not: with tolerances, at the corner where most is missing."""
+        content = self.context.key(node)
+        corners = self.context.corners(node)
+        if len(corners) == 1:
+            return self._first("dgu", node, content, lambda: propose_dgu(self.context.port(node)))
+
+        def refutations() -> Iterator[Proposal]:
+            from certify.search.shortage import refute_corners
+
+            yield from refute_corners({signs: self.context.port(node, signs) for signs in corners})
+
+        return self._first("dgu", node, (content, "corners"), refutations)
+
+    def _index(self, node: str) -> Proposal | None:
+        corners = self.context.corners(node)
+        smallest = self._small_shortage(node)
+
+        def proposals() -> Iterator[Proposal]:
+            from certify.search.shortage import propose_box, propose_index
+
+            if len(corners) == 1:
+                yield from propose_index(self.context.port(node))
+            elif self.context.port(node).capacitance_farad is not None:
+                yield from propose_box([self.context.port(node, signs) for signs in corners], smallest)
+
+        content = (self.context.key(node), "index", smallest if len(corners) > 1 else None)
+        return self._first("dgu", node, content, proposals)
+
+    def _small_shortage(self, node: str) -> Fraction:
+        """A shortage in ohm that is small beside the resistances of the lines and branches there; a power of ten."""
+        branches = [b.resistance_ohm for b in self.context.nodes[node].branches]
+        branches += [line.branch.resistance_ohm for line in self.context.lines_at[node]]
+        share = min(branches, default=Fraction(1)) / (100 * max(len(branches), 1))
+        return Fraction(10) ** (len(str(share.numerator // share.denominator)) - 1 if share >= 1 else -_decimals(share))
+
+    def _give_up_shortages(self, island: tuple[str, ...]) -> None:
+        """Of DGUs whose shortage is of no use, say that they are not passive - where that is refuted."""
+        for node in island:
+            if node in self.context.shortages:
+                shortage, storage = self.context.shortages.pop(node), self.context.storages.pop(node)
+                found = self._passivity(node)
+                if found is None:
+                    self.context.shortages[node], self.context.storages[node] = shortage, storage
+                else:
+                    self._settle(f"dgu/{node}", found)
+                    self.notes[f"dgu/{node}"] = "P207"
+
+    def _pins(self, island: tuple[str, ...]) -> Iterator[Proposal]:
+        """Where V~ = 0 may follow: a strictly monotone load, a series branch, then the DGUs."""
+        context = self.context
+        by_kind = (
+            ("load", (name for name in island if name in context.strict_loads)),
+            ("branch", (name for name in island if context.nodes[name].branches)),
+            ("dgu", (name for name in island if name in context.storages)),
+        )
+        for by, names in by_kind:
+            for name in names:
+                yield Proposal("proved", "invariant-set", {"by": by, "at": name})
+                if by != "dgu":
+                    break  # the other conditions do not depend on the pin
+
+    def _reason(self, subject: tuple[str, Any]) -> str:
+        """Why a claim stays open, as far as one can tell."""
+        if subject[0] == "dgu":
+            try:
+                self.context.port(subject[1])
+            except RuleFailure:
+                return "P206"
+            if len(self.context.corners(subject[1])) > 1:
+                return "P208"
+        return REASONS[subject[0]]
 
 
-def _until_exhausted(proposals: Iterator[Proposal | None]) -> Iterator[Proposal]:
+def _decimals(x: Fraction) -> int:
+    """The k with 10^-k <= x < 10^(1-k), for 0 < x < 1."""
+    k = 0
+    while x < 1:
+        x, k = x * 10, k + 1
+    return k
+
+
+def _until_exhausted(proposals: Iterator[Proposal]) -> Iterator[Proposal]:
     """The proposals up to the first that numbers out of the range of floats prevent: the claim stays open then."""
     try:
-        yield from (proposal for proposal in proposals if proposal is not None)
+        yield from proposals
     except (ArithmeticError, ValueError):
         return
-
-
-def _reason(context: Context, subject: tuple[str, Any]) -> str:
-    """Why a claim stays open, as far as one can tell."""
-    if subject[0] == "dgu":
-        try:
-            context.port(subject[1])
-        except RuleFailure:
-            return "P206"
-    return REASONS[subject[0]]
-
-
-def _content(context: Context, kind: str, what: Any) -> Any:
-    """What the answer depends on, for kinds of which there are many; None if there is nothing to share."""
-    if kind == "dgu":
-        return context.key(what)
-    return context.law(what) if kind == "load" else None
-
-
-def propose(context: Context, kind: str, what: Any) -> Iterator[Proposal]:
-    """Proposals for one claim, by the kind of its subject."""
-    if kind == "branch":
-        yield Proposal("proved", "series-branch")
-    elif kind == "dgu":
-        try:
-            port = context.port(what)
-        except RuleFailure:
-            return
-        yield from propose_dgu(port)
-    elif kind == "load":
-        yield from propose_load(*context.law(what))
-    elif kind == "interconnection":
-        yield Proposal("proved", "skew-incidence")
-    elif kind == "island":
-        yield from _pins(context, what)
-    else:
-        yield Proposal("proved", "passive-interconnection")
-
-
-def _pins(context: Context, island: tuple[str, ...]) -> Iterator[Proposal]:
-    """Where V~ = 0 may follow: a strictly monotone load, a series branch, then the DGUs."""
-    by_kind = (
-        ("load", (name for name in island if name in context.strict_loads)),
-        ("branch", (name for name in island if context.nodes[name].branches)),
-        ("dgu", (name for name in island if name in context.storages)),
-    )
-    for by, names in by_kind:
-        for name in names:
-            yield Proposal("proved", "invariant-set", {"by": by, "at": name})
-            if by != "dgu":
-                break  # the other conditions do not depend on the pin

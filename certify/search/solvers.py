@@ -1,23 +1,140 @@
-"""Numerical solvers behind one door: every status maps to "solution" or "nothing" in one table."""
+"""Semidefinite programs behind one door: blocks in, a point out, every solver status mapped in one table.
+
+The data go to the solvers as they are, without a modelling layer: these programs are small and many, and building
+them would take longer than solving them. No answer of a solver is ever a proof, and "infeasible" refutes nothing.
+"""
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-# What a solver says -> whether its point is worth rounding and checking. Anything else is "nothing". No status is
-# ever a proof, and "infeasible" never refutes a claim.
-USABLE = {"optimal": True, "optimal_inaccurate": True, "user_limit": True}
+# What a solver says -> whether its point is worth rounding and checking. Anything else is "nothing".
+USABLE = {
+    "Solved": True,
+    "AlmostSolved": True,
+    "MaxIterations": True,
+    "MaxTime": False,
+    "InsufficientProgress": True,
+    "PrimalInfeasible": False,
+    "AlmostPrimalInfeasible": False,
+    "DualInfeasible": False,
+    "AlmostDualInfeasible": False,
+    "NumericalError": False,
+    "solved": True,
+    "solved_inaccurate": True,
+    "infeasible": False,
+    "infeasible_inaccurate": False,
+    "unbounded": False,
+    "unbounded_inaccurate": False,
+}
 
 
-def solve_problem(problem: Any) -> str | None:
-    """Solve a cvxpy problem with Clarabel; the status if its point is usable, else None."""
-    import cvxpy
+@dataclass(frozen=True)
+class Block:
+    """constant + sum_k x_k coefficients[k] - weight * margin * I >= 0. Arrays of shape (n, n) and (variables, n, n)."""
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # cvxpy warns of inaccurate solutions; the kernel is the judge of those
-        try:
-            problem.solve(solver=cvxpy.CLARABEL)
-        except cvxpy.error.SolverError:
-            return None
-    return problem.status if USABLE.get(problem.status) else None
+    constant: Any
+    coefficients: Any
+    weight: float = 1.0
+
+
+BOUNDS = (1e3, 1e6, 1e9)  # on scaled unknowns; no single one suits all
+
+
+def largest_margin(blocks: Sequence[Block], second_opinion: bool = False) -> Iterator[Any]:
+    """Points x with |x_k| <= a bound and a large common margin <= 1: from Clarabel, or, on request, from SCS.
+
+    Shape: (variables + 1,), the margin last.
+    """
+    variables = len(blocks[0].coefficients)
+    cost = _unit(variables + 1, variables, -1.0)
+    widened = [_with_margin(block) for block in blocks]
+    for bound in BOUNDS[1:2] if second_opinion else BOUNDS:
+        point = minimise(cost, widened, bound, 1.0, second_opinion)
+        if point is not None:
+            yield point
+
+
+def minimise(cost: Any, blocks: Sequence[Block], bound: float, last: float, second_opinion: bool = False) -> Any | None:
+    """A point that minimises cost'x over the blocks, |x_k| <= bound, the last variable at most `last`; or None."""
+    return (_scs if second_opinion else _clarabel)(cost, blocks, bound, last)
+
+
+def _with_margin(block: Block) -> Block:
+    import numpy
+
+    eye = -block.weight * numpy.eye(len(block.constant))[None]
+    return Block(block.constant, numpy.concatenate([block.coefficients, eye]))
+
+
+def _unit(size: int, k: int, value: float) -> Any:
+    import numpy
+
+    vector = numpy.zeros(size)
+    vector[k] = value
+    return vector
+
+
+def _box(variables: int, bound: float, last: float) -> tuple[Any, Any]:
+    """Rows and right sides of |x_k| <= bound for all but the last, which has only an upper end."""
+    import numpy
+    from scipy import sparse
+
+    inner = sparse.eye(variables - 1, variables)
+    end = sparse.csc_matrix(([1.0], ([0], [variables - 1])), shape=(1, variables))
+    rows = sparse.vstack([inner, -inner, end])
+    return rows, numpy.concatenate([numpy.full(2 * (variables - 1), bound), [last]])
+
+
+def _stacked(blocks: Sequence[Block], bound: float, last: float, upper: bool) -> tuple[Any, Any]:
+    """A and b of s = b - A x in the cones, each symmetric matrix as a scaled triangle, column by column."""
+    import numpy
+    from scipy import sparse
+
+    rows, right = _box(len(blocks[0].coefficients), bound, last)
+    parts, sides = [rows], [right]
+    for block in blocks:
+        n = len(block.constant)
+        i, j = numpy.tril_indices(n) if upper else numpy.triu_indices(n)  # transposed: column by column
+        scale = numpy.where(i == j, 1.0, numpy.sqrt(2.0))
+        sides.append(block.constant[i, j] * scale)
+        parts.append(sparse.csc_matrix(-(block.coefficients[:, i, j] * scale).T))
+    return sparse.vstack(parts).tocsc(), numpy.concatenate(sides)
+
+
+def _clarabel(cost: Any, blocks: Sequence[Block], bound: float, last: float) -> Any | None:
+    import clarabel
+    import numpy
+    from scipy import sparse
+
+    A, b = _stacked(blocks, bound, last, upper=True)
+    variables = len(cost)
+    cones = [clarabel.NonnegativeConeT(2 * (variables - 1) + 1)]
+    cones += [clarabel.PSDTriangleConeT(len(block.constant)) for block in blocks]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    nothing = sparse.csc_matrix((variables, variables))
+    try:
+        solution = clarabel.DefaultSolver(nothing, cost, A, b, cones, settings).solve()
+    except BaseException as error:  # a panic of the solver is no Exception
+        if isinstance(error, KeyboardInterrupt | SystemExit | MemoryError):
+            raise
+        return None
+    point = numpy.array(solution.x)
+    return point if USABLE.get(str(solution.status), False) and numpy.isfinite(point).all() else None
+
+
+def _scs(cost: Any, blocks: Sequence[Block], bound: float, last: float) -> Any | None:
+    import numpy
+    import scs
+
+    A, b = _stacked(blocks, bound, last, upper=False)
+    cone = {"l": 2 * (len(cost) - 1) + 1, "s": [len(block.constant) for block in blocks]}
+    solver = scs.SCS({"A": A, "b": b, "c": cost}, cone, verbose=False, eps_abs=1e-9, eps_rel=1e-9, max_iters=20_000)
+    solution = solver.solve()
+    status = str(solution["info"]["status"]).split(" ")[0]
+    usable = USABLE.get(status, False) and solution["x"] is not None and numpy.isfinite(solution["x"]).all()
+    return solution["x"] if usable else None

@@ -1,0 +1,187 @@
+"""What a spec calls for: its model, the claims about it in order, and the ledger of what they assume."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import product
+from typing import Any
+
+from certify.kernel.errors import RuleFailure
+from certify.kernel.linalg import Matrix
+from certify.kernel.model import SIGNS, LinearPort, LoadLaw, at_corner, dgu_port, load_law, node_capacitances
+from certify.kernel.spec import Line, LinearLoop, Microgrid, components
+
+Fact = tuple[str, Fraction, str]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One statement about the spec. `facts` are exact numbers that the proof yields: (what, value, unit)."""
+
+    id: str
+    statement: str
+    status: str  # "proved", "refuted" or "unknown"
+    rule: str | None = None
+    facts: tuple[Fact, ...] = ()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a certificate proves. `outcome` is "certified", "refuted" or "unknown"."""
+
+    outcome: str
+    claims: tuple[Claim, ...]
+    assumptions: tuple[tuple[str, str], ...]
+
+
+def to_text(x: Fraction) -> str:
+    """A rational for people and statements: a decimal if it has a short one, else its first twelve digits or so.
+
+    >>> to_text(Fraction(1, 8)), to_text(Fraction(1, 3))
+    ('0.125', 'about 333333333333e-12')
+    """
+    for places in range(19):
+        if (10**places) % x.denominator == 0:
+            whole, digits = divmod(abs(x.numerator) * (10**places // x.denominator), 10**places)
+            return f"{'-' if x < 0 else ''}{whole}" + (f".{digits:0{places}d}" if places else "")
+    exponent = len(str(abs(x.numerator))) - len(str(x.denominator)) - 12
+    return f"about {round(x / Fraction(10) ** exponent)}e{exponent}"
+
+
+class Context:
+    """The model of one spec, and what its claims have established so far."""
+
+    def __init__(self, grid: Microgrid) -> None:
+        self.grid = grid
+        self.nodes = {node.name: node for node in grid.nodes}
+        self.capacitances = {sign: node_capacitances(grid, sign) for sign in SIGNS}
+        self.islands = components(self.nodes, grid.lines)
+        self.lines_at: dict[str, list[Line]] = {name: [] for name in self.nodes}
+        for line in grid.lines:
+            self.lines_at[line.start].append(line)
+            self.lines_at[line.end].append(line)
+        self.status: dict[str, str] = {}
+        self.strict_loads: set[str] = set()
+        self.storages: dict[str, tuple[Any, LinearPort, Matrix]] = {}  # what it depends on, the port, M
+        self.shortages: dict[str, Fraction] = {}  # of the DGUs that are passive but for a shortage
+        self.moduli: dict[str, Fraction] = {}  # of strong monotonicity of the loads, as far as proved
+        self.memo: dict[Any, Any] = {}
+
+    def key(self, name: str) -> Any:
+        """What the port of the DGU at this node depends on."""
+        dgu = self.nodes[name].dgu
+        return dgu and (dgu.filter, dgu.controller, *(self.capacitances[sign][name] for sign in SIGNS))
+
+    def corners(self, name: str) -> tuple[str, ...]:
+        """The corners of the box of R, L and C at a DGU, one sign each; only "000" without tolerances."""
+        dgu = self.nodes[name].dgu
+        low, high = (self.capacitances[sign][name] for sign in "-+")
+        off = dgu.filter.tolerance[:2] if dgu and dgu.filter else ()
+        free = (*off, high - low) if off else (0, 0, high - low)
+        return tuple("".join(signs) for signs in product(*("-+" if x else "0" for x in free)))
+
+    def port(self, name: str, signs: str = "000") -> LinearPort:
+        """The port of a DGU at its values, or at a corner of its box."""
+        dgu = self.nodes[name].dgu
+        if dgu is None:
+            raise RuleFailure(f"there is no DGU at node {name}")
+        if signs != "000" and signs not in self.corners(name):
+            raise RuleFailure("there is no such corner")
+        if dgu.filter and not isinstance(dgu.controller, LinearLoop):
+            dgu = replace(dgu, filter=at_corner(dgu.filter, signs))
+        try:
+            port: LinearPort = self.once(
+                (self.key(name), signs), lambda: dgu_port(dgu, self.capacitances[signs[2]][name], self.grid.w0)
+            )
+        except ZeroDivisionError:
+            raise RuleFailure("the line legs make this linear loop algebraic: C B leaves no capacitance") from None
+        return port
+
+    def law(self, name: str) -> tuple[LoadLaw, tuple[Fraction, Fraction]]:
+        node = self.nodes[name]
+        if node.band_volt is None:
+            raise RuleFailure(f"there is no static load at node {name}")
+        return self.once(("law", name), lambda: load_law(node)), node.band_volt
+
+    def once(self, key: Any, compute: Callable[[], Any]) -> Any:
+        """Equal subsystems are computed once: the key holds all that the result depends on."""
+        if key not in self.memo:
+            self.memo[key] = compute()
+        return self.memo[key]
+
+
+Subject = tuple[str, Any]
+
+
+def statements(context: Context) -> dict[str, tuple[Subject, str]]:
+    """Every claim that the spec calls for, in order: id -> (its subject, what it says)."""
+    claims: dict[str, tuple[Subject, str]] = {}
+    grid = context.grid
+    passive = "equilibrium-independent passive"
+    for line in grid.lines:
+        branch = f"{to_text(line.branch.resistance_ohm)} ohm, {to_text(line.branch.inductance_henry)} H"
+        box = _within(line.branch.tolerance)
+        claims[f"line/{line.name}"] = ("branch", line.branch), f"line {line.name} ({branch}) is strictly {passive}{box}"
+    for node in grid.nodes:
+        if node.dgu:
+            box = _within(node.dgu.filter.tolerance if node.dgu.filter else (), len(context.corners(node.name)) > 1)
+            text = (
+                f"the controlled DGU at node {node.name} is {passive}, with a positive definite storage function{box}"
+            )
+            claims[f"dgu/{node.name}"] = ("dgu", node.name), text
+        if node.band_volt:
+            low, high = (to_text(v) for v in node.band_volt)
+            box = _within([share for load in node.loads for share in load.tolerance])
+            text = (
+                f"the load current at node {node.name} is monotone in the voltage for {low} V <= |V| <= {high} V{box}"
+            )
+            claims[f"load/{node.name}"] = ("load", node.name), text
+        for k, branch_ in enumerate(node.branches):
+            text = f"series R-L load {k} at node {node.name} is strictly {passive}{_within(branch_.tolerance)}"
+            claims[f"branch/{node.name}/{k}"] = ("branch", branch_), text
+    text = f"nodes ({len(grid.nodes)}) and lines ({len(grid.lines)}) are interconnected without loss (skew-symmetric)"
+    claims["interconnection"] = ("interconnection", None), text
+    for island in context.islands:
+        text = f"on the island of node {island[0]} (nodes: {len(island)}) nothing but rest is without dissipation"
+        claims[f"invariant-set/{island[0]}"] = ("island", island), text
+    text = "every equilibrium with all load voltages strictly inside their bands is asymptotically stable"
+    claims["microgrid"] = ("microgrid", None), text
+    return claims
+
+
+def _within(shares: Iterable[Fraction], legs: bool = False) -> str:
+    return ", for all values within the tolerances" if legs or any(shares) else ""
+
+
+def but_for_a_shortage(statement: str) -> str:
+    """What a claim about a DGU says if it is proved with an index."""
+    return f"{statement} - but for a shortage: S' <= <z~, d~> + eps |d~|^2"
+
+
+def assumptions(grid: Microgrid) -> list[dict[str, str]]:
+    """The ledger: what the proof takes as given. None of these can be discharged by the tool."""
+    ledger = {
+        "balanced": "voltages and currents are balanced three-phase, without zero sequence",
+        "synchronous-frame": f"all dq frames turn at w0 = {to_text(grid.w0)} rad/s (2 pi f to 40 digits) in phase",
+        "parameters": "every R, L, C, gain and load coefficient has, and keeps, exactly the value in the spec, or one "
+        "value within its tolerance where the spec states one: what a scenario changes is not covered",
+        "averaged-inverter": "each inverter applies the voltage that its controller asks for, without delay or ripple",
+        "equilibrium": "the statement is about every equilibrium; not claimed: that one exists, how far it attracts",
+    }
+    if not grid.line_legs_at_dgus:
+        ledger["line-legs"] = "the capacitance of the lines at nodes with a DGU is neglected, as the spec asks"
+    if own := [node.name for node in grid.nodes if node.dgu and isinstance(node.dgu.controller, LinearLoop)]:
+        ledger["linear-loop"] = f"z is the voltage of the node and d the current into it, at nodes {', '.join(own)}"
+    limited = [node.name for node in grid.nodes if node.dgu and node.dgu.limits_volt]
+    if limited:
+        ledger["unsaturated"] = f"the inverters with limits do not saturate: nodes {', '.join(limited)}"
+    return [{"name": name, "statement": text} for name, text in ledger.items()]
+
+
+def overall(statuses: dict[str, str]) -> str:
+    """The verdict that follows from the status of every claim."""
+    if "refuted" in statuses.values():
+        return "refuted"
+    return "certified" if set(statuses.values()) == {"proved"} else "unknown"
