@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from certify.inputs import load, read
     from certify.kernel.check import Claim, Verdict, check
     from certify.kernel.errors import CertifyError, Fault, Rejected, SpecError
+    from certify.synthesis import Synthesis, synthesize
 
 __version__ = "0.1.0"
 __all__ = [
@@ -25,11 +26,13 @@ __all__ = [
     "Fault",
     "Rejected",
     "SpecError",
+    "Synthesis",
     "Verdict",
     "check",
     "load",
     "prove",
     "read",
+    "synthesize",
 ]
 
 _HOMES = {
@@ -37,6 +40,7 @@ _HOMES = {
     "inputs": ("load", "read"),
     "kernel.check": ("Claim", "Verdict", "check"),
     "kernel.errors": ("CertifyError", "Fault", "Rejected", "SpecError"),
+    "synthesis": ("Synthesis", "synthesize"),
 }
 
 
