@@ -317,7 +317,8 @@ class _Search:
         q = self._polish(cost, q, float(self.gain(start)), rotation)
         return self._rounded(
             q,
-            lambda d: d.largest_gain(self.plant),
+            self.gain,
+            lambda points: self.rate(points) > wanted * (1 - 2 * float(SLACK)),
             lambda d: decays_at(d.port(self.plant).F, rate),
         )
 
@@ -338,7 +339,8 @@ class _Search:
         q = self._polish(cost, q, bound, rotation)
         return self._rounded(
             q,
-            lambda d: -_rate(d, self.plant),
+            lambda points: -self.rate(points),
+            lambda points: self.gain(points) < bound * (1 + 2 * float(SLACK)),
             lambda d: d.largest_gain(self.plant) <= max_gain and decays_at(d.port(self.plant).F, Fraction(0)),
         )
 
@@ -503,24 +505,36 @@ class _Search:
 
         return numpy.block([[a.real, -a.imag], [a.imag, a.real]])
 
-    def _rounded(self, q: Any, cost: Callable[[Design], Fraction], meets: Callable[[Design], bool]) -> Design | None:
-        """The best neighbour of q with few digits that meets the wish exactly; more digits only if they pay."""
+    def _rounded(
+        self, q: Any, cost: Callable[[Any], Any], near: Callable[[Any], Any], meets: Callable[[Design], bool]
+    ) -> Design | None:
+        """The best neighbour of q with few digits that meets the wish exactly; more digits only if they pay.
+
+        `cost` and `near` (whether the wish is met, or nearly so) are in floats and spare most of the exact tests.
+        """
+        import numpy
+
         h, b, x, g = (float(v) for v in q)
-        best: Design | None = None
+        best: tuple[float, Design] | None = None
         for digits in DIGITS:
             choices = [_neighbours(v, digits) for v in (x, b, h, g)]
             designs = [Design(*choice) for choice in itertools.product(*choices)]
-            passive = [d for d in designs if d.x > 0 and d.b > 0 and d.h > 0]
-            good = [d for d in passive if meets(d)]
-            if not good:
+            designs = [d for d in designs if d.x > 0 and d.b > 0 and d.h > 0]
+            if not designs:
                 continue
-            candidate = min(good, key=cost)
-            if best is not None and cost(candidate) >= cost(best) - abs(cost(best)) / 50:
-                return best
-            best = candidate
+            points = numpy.array([[float(v) for v in (d.h, d.b, d.x, d.g)] for d in designs]).T
+            costs, likely = cost(points), near(points)
+            order = [k for k in numpy.argsort(costs, kind="stable") if likely[k]]
+            k = next((k for k in order if meets(designs[k])), None)
+            if k is None:
+                continue
+            value = float(costs[k])
+            if best is not None and value >= best[0] - abs(best[0]) / 50:
+                break
+            best = value, designs[k]
             if digits >= 3:
-                return best
-        return best
+                break
+        return best[1] if best else None
 
 
 def _neighbours(x: float, digits: int) -> list[Fraction]:
