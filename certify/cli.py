@@ -259,9 +259,16 @@ def run_explain(options: argparse.Namespace) -> int:
     from certify.report.text import tell
 
     def told(verdict: Any, notes: dict[str, str]) -> int:
+        advice: dict[str, list[str]] = {}
+        more: dict[str, Any] = {}
+        if any(claim.status == "refuted" and claim.id.startswith("dgu/") for claim in verdict.claims):
+            from certify.report.nearest import advise  # numpy and scipy, only for this
+
+            advice, more = advise(options.spec, verdict)
         if options.json:
-            return _report(options, verdict, notes, {"certificate": subject})
-        print(tell(verdict, f"{subject}, checked against {options.spec}: {verdict.outcome}"))
+            return _report(options, verdict, notes, {"certificate": subject, **more})
+        title = f"{subject}, checked against {options.spec}: {verdict.outcome}"
+        print(tell(verdict, title, advice=advice))
         return EXIT_CODES[verdict.outcome]
 
     return _checked(options, subject, told)

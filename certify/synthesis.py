@@ -23,7 +23,17 @@ from certify.kernel.quantity import NumberText, QuantityError, parse_quantity, s
 from certify.kernel.reader import read_document
 from certify.kernel.spec import IdaPbc, Microgrid, StateFeedback
 from certify.search.prove import Progress
-from certify.search.synthesis import KINDS, Design, Found, Plant, decay_bracket, find_design, largest_gain
+from certify.search.synthesis import (
+    KINDS,
+    Design,
+    Found,
+    Plant,
+    decay_bracket,
+    decays_at,
+    find_design,
+    largest_gain,
+    to_decimal,
+)
 
 SETTLED = 4  # time constants until a mode has decayed to 2 %: exp(-4) = 1.8 %
 RAISES = (4, 16, 64, 256)  # by how much gains may grow, in steps, for a tolerance, if no bound is given
@@ -128,22 +138,9 @@ def read_wish(
 def _without_rate_unit(raw: object) -> object:
     """ "80 1/s" and "80/s" as "80": a rate has no other unit."""
     if isinstance(raw, str):
-        match = re.fullmatch(r"(.*\S)(?:\s+1/s|\s*/\s*s)\s*", raw, re.DOTALL)
+        match = re.fullmatch(r"(.*?\S)(?:\s+1/s|\s*/\s*s)\s*", raw, re.DOTALL)
         return match[1] if match else raw
     return raw
-
-
-def to_decimal(x: Fraction) -> str:
-    """A rational with a finite decimal expansion, exactly; what has none, to 40 significant digits.
-
-    >>> to_decimal(Fraction(1, 8)), to_decimal(Fraction(-230000000)), to_decimal(Fraction(3, 10**9))
-    ('0.125', '-230000000', '3E-9')
-    """
-    from decimal import Context
-
-    exact = Context(prec=40).divide(*(Context(prec=400).create_decimal(n) for n in x.as_integer_ratio()))
-    exact = Context(prec=40).normalize(exact)
-    return f"{exact:f}" if -6 <= exact.adjusted() < 15 else str(exact)
 
 
 # --- the spec as text ---------------------------------------------------------------------------------------------
@@ -213,9 +210,13 @@ def edited(spec: bytes, edit: Edit) -> bytes:
         except (TOMLKitError, TypeError, KeyError, AttributeError):
             result = ""
     data = result.encode()
-    if not data or _plain(read_document(data)) != _plain(expected):
-        message = "the layout of this file cannot be edited; add the fragment by hand, or use plain tables"
-        raise SpecError((Fault("U001", "-o", message),))
+    try:
+        done = bool(data) and _plain(read_document(data)) == _plain(expected)
+    except SpecError:
+        done = False
+    if not done:
+        message = "the layout of this file cannot be edited: give filters, controllers and nodes as tables, [node.NAME]"
+        raise SpecError((Fault("U001", "", message),))
     return data
 
 
@@ -389,14 +390,8 @@ def _candidates(found: Found, plant: Plant, wish: Wish) -> Iterator[tuple[Design
         caps = [cap for cap in caps if cap < wish.max_gain] + [wish.max_gain]
     for cap in caps:
         faster = find_design(plant, wish.kind, None, Fraction(f"{float(cap):.1e}") if cap != wish.max_gain else cap)
-        if faster.design is not None and (wish.rate is None or _decays(faster.design, plant, wish.rate)):
+        if faster.design is not None and (wish.rate is None or decays_at(faster.design.port(plant).F, wish.rate)):
             yield faster.design, faster.plain
-
-
-def _decays(design: Design, plant: Plant, rate: Fraction) -> bool:
-    from certify.search.synthesis import decays_at
-
-    return decays_at(design.port(plant).F, rate)
 
 
 def _edit(document: Any, grid: Microgrid, node: str, design: Design, wish: Wish) -> Edit:

@@ -137,6 +137,19 @@ def _shifted(coefficients: tuple[Fraction, ...], by: Fraction) -> tuple[Fraction
     return tuple(p)
 
 
+def to_decimal(x: Fraction) -> str:
+    """A rational with a finite decimal expansion, exactly; what has none, to 40 significant digits.
+
+    >>> to_decimal(Fraction(1, 8)), to_decimal(Fraction(-230000000)), to_decimal(Fraction(3, 10**9))
+    ('0.125', '-230000000', '3E-9')
+    """
+    from decimal import Context
+
+    exact = Context(prec=40).divide(*(Context(prec=400).create_decimal(n) for n in x.as_integer_ratio()))
+    exact = Context(prec=40).normalize(exact)
+    return f"{exact:f}" if -6 <= exact.adjusted() < 15 else str(exact)
+
+
 @dataclass(frozen=True)
 class Plant:
     """What a design depends on: the filter, all capacitance at the node, the speed of the frame. SI units."""

@@ -1,0 +1,48 @@
+"""The nearest passive gains for refuted DGUs, as lines under their claims and as JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from certify.inputs import load
+from certify.kernel.check import Context, Verdict
+from certify.search.nearest import NAMES, Suggestion, nearest_gains
+
+MOST = 8  # different DGUs for which gains are sought: a second each
+
+
+def suggestions(spec: str, verdict: Verdict) -> dict[str, Suggestion]:
+    """Claim ids of refuted DGUs with the nearest gains that the kernel's rule accepts, where some are found.
+
+    Equal DGUs share the search. Raises: SpecError.
+    """
+    context = Context(load(spec))
+    memo: dict[Any, Suggestion | None] = {}
+    found = {}
+    for claim in verdict.claims:
+        kind, _, name = claim.id.partition("/")
+        if claim.status != "refuted" or kind != "dgu":
+            continue
+        dgu, key = context.nodes[name].dgu, context.key(name)
+        if dgu is None or (key not in memo and len(memo) >= MOST):
+            continue
+        if key not in memo:
+            memo[key] = nearest_gains(dgu, context.capacitances[name], context.grid.w0)
+        suggestion = memo[key]
+        if suggestion is not None:
+            found[claim.id] = suggestion
+    return found
+
+
+def advise(spec: str, verdict: Verdict) -> tuple[dict[str, list[str]], dict[str, Any]]:
+    """What to say under each refuted DGU's claim, and the same for machines. Raises: SpecError."""
+    lines: dict[str, list[str]] = {}
+    entries: dict[str, Any] = {}
+    for claim, suggestion in suggestions(spec, verdict).items():
+        change = max(suggestion.changes)
+        where = NAMES[suggestion.changes.index(change)]
+        head = f"nearest certified gains (largest relative change {100 * change:.3g} %, in {where}):"
+        lines[claim] = [head, *(f"  {line}" for line in suggestion.fragment.splitlines())]
+        percent = dict(zip(NAMES, (100 * change for change in suggestion.changes), strict=False))
+        entries[claim] = {"kind": suggestion.kind, "change_percent": percent, "fragment": suggestion.fragment}
+    return lines, {"nearest_gains": entries}
