@@ -18,7 +18,7 @@ from certify.certificate import Certificate, prove
 from certify.inputs import decode_all
 from certify.kernel.check import Context
 from certify.kernel.errors import Fault, RuleFailure, SpecError
-from certify.kernel.model import to_state_feedback
+from certify.kernel.model import node_capacitances, to_state_feedback
 from certify.kernel.quantity import NumberText, QuantityError, parse_quantity, shorten
 from certify.kernel.reader import read_document
 from certify.kernel.spec import IdaPbc, Microgrid, StateFeedback
@@ -357,7 +357,8 @@ def _plant(context: Context, node: str) -> Plant:
         raise refuse(f"there is no DGU at node {node}; nodes with one: {_with_dgu(context)}")
     if dgu.filter is None:
         raise refuse(f"the DGU at node {node} has no filter, so there is no plant to design gains for")
-    return Plant(dgu.filter.resistance_ohm, dgu.filter.inductance_henry, context.capacitances[node], context.grid.w0)
+    capacitance = node_capacitances(context.grid)[node]
+    return Plant(dgu.filter.resistance_ohm, dgu.filter.inductance_henry, capacitance, context.grid.w0)
 
 
 def _with_dgu(context: Context) -> str:

@@ -16,7 +16,7 @@ import certify
 from certify.cli import main
 from certify.kernel.check import Context
 from certify.kernel.linalg import Matrix, add, identity, multiply, scale
-from certify.kernel.model import J, dgu_port
+from certify.kernel.model import J, dgu_port, node_capacitances
 from certify.kernel.reader import read_document
 from certify.kernel.rules import quadratic_storage
 from certify.kernel.spec import Decoder, Dgu, Filter, IdaPbc, LinearLoop, StateFeedback, angular_frequency
@@ -33,7 +33,7 @@ def suggestion_for(spec: str, node: str) -> Suggestion | None:
     context = Context(certify.load(f"specs/{spec}.toml"))
     dgu = context.nodes[node].dgu
     assert dgu is not None
-    return nearest_gains(dgu, context.capacitances[node], context.grid.w0)
+    return nearest_gains(dgu, node_capacitances(context.grid)[node], context.grid.w0)
 
 
 def decoded(fragment: str, filter_: Filter) -> IdaPbc | StateFeedback:

@@ -20,6 +20,7 @@ from certify.inputs import decode_all, read
 from certify.kernel.check import Context
 from certify.kernel.errors import SpecError
 from certify.kernel.linalg import Matrix, add, block, identity, ldl_pivots, scale, solve, transpose, zeros
+from certify.kernel.model import node_capacitances
 from certify.kernel.reader import read_document
 from certify.kernel.rules import quadratic_storage
 from certify.kernel.spec import decode_document
@@ -132,7 +133,7 @@ plants = st.builds(Plant, decimals(1e-3, 1), decimals(1e-5, 1e-2), decimals(1e-6
 
 
 @given(plants, decimals(0.1, 1e4), st.sampled_from(["pi", "ida-pbc"]))
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=2, deadline=None)
 def test_every_wish_for_a_rate_is_met_by_a_passive_design(plant: Plant, rate: Fraction, kind: str) -> None:
     found = find_design(plant, kind, rate, None)
     assert found.design is not None
@@ -224,7 +225,7 @@ def test_editing_changes_what_it_should_and_no_more(layout: str, copied: str | N
 
 def test_a_layout_that_cannot_be_edited_is_refused_in_words() -> None:
     data = b'filter.lc.R = 1.50\ncontroller.pi.kind = "x"\nnode.1.dgu.filter = "lc"\nnode.1.dgu.controller = "pi"\n'
-    with pytest.raises(SpecError, match="U001.*cannot be edited"):
+    with pytest.raises(SpecError, match="cannot be edited"):
         edited(data, Edit("1", "new", FRAGMENT, "lc"))
 
 
@@ -258,7 +259,7 @@ def test_the_fragment_means_the_design(kind: str, g: str) -> None:
     design = Design(Fraction("1.37"), Fraction("0.0141"), Fraction("1.23"), Fraction(g if kind == "pi" else 0))
     fragment = controller_fragment("new", design, kind)
     context = Context(decode_all(edited(Path(CIGRE).read_bytes(), Edit("1", "new", fragment, "lc"))))
-    plant = Plant(Fraction("0.1"), Fraction("0.0018"), context.capacitances["1"], context.grid.w0)
+    plant = Plant(Fraction("0.1"), Fraction("0.0018"), node_capacitances(context.grid)["1"], context.grid.w0)
     assert context.port("1") == design.port(plant)
 
 

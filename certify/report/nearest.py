@@ -6,6 +6,7 @@ from typing import Any
 
 from certify.inputs import load
 from certify.kernel.check import Context, Verdict
+from certify.kernel.model import node_capacitances
 from certify.search.nearest import NAMES, Suggestion, nearest_gains
 
 MOST = 8  # different DGUs for which gains are sought: a second each
@@ -17,6 +18,7 @@ def suggestions(spec: str, verdict: Verdict) -> dict[str, Suggestion]:
     Equal DGUs share the search. Raises: SpecError.
     """
     context = Context(load(spec))
+    capacitances = node_capacitances(context.grid)
     memo: dict[Any, Suggestion | None] = {}
     found = {}
     for claim in verdict.claims:
@@ -27,7 +29,7 @@ def suggestions(spec: str, verdict: Verdict) -> dict[str, Suggestion]:
         if dgu is None or (key not in memo and len(memo) >= MOST):
             continue
         if key not in memo:
-            memo[key] = nearest_gains(dgu, context.capacitances[name], context.grid.w0)
+            memo[key] = nearest_gains(dgu, capacitances[name], context.grid.w0)
         suggestion = memo[key]
         if suggestion is not None:
             found[claim.id] = suggestion
