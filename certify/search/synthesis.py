@@ -460,10 +460,7 @@ class _Search:
         and some Hermitian Q: d* c + c* d - (Pi1' Q Pi2 + Pi2' Q Pi1) >= 0, strictly. With v = (1, s, s^2, s^3) on the
         imaginary axis this says Re(conj(d) c) > 0, so c/d is strictly positive real.
         """
-        import cvxpy
         import numpy
-
-        from certify.search.solvers import solve_problem
 
         speed = float(abs(self.polynomial(q)[0])) ** (1 / 3)
 
@@ -485,29 +482,30 @@ class _Search:
             tip[k] = size[k]
             c.append(coefficients(tip, rate) - c[0])
             rows.append(numpy.array(self.entries(tip), float) - rows[0])
-        theta, t = cvxpy.Variable(len(free)), cvxpy.Variable()
-        real, skew = cvxpy.Variable((3, 3), symmetric=True), cvxpy.Variable((3, 3))
-        Q = cvxpy.bmat([[real, -skew], [skew, real]])
-        low, high = numpy.eye(3, 4), numpy.eye(3, 4, 1)
-        two = numpy.eye(2)
-        crossed = numpy.kron(two, low).T @ Q @ numpy.kron(two, high)
         forms = [self._embedded(numpy.outer(d.conj(), x) + numpy.outer(x.conj(), d)) for x in c]
         norm = max(float(numpy.abs(forms[0]).max()), 1e-300)
-        sum_of_forms = forms[0] / norm + sum(theta[i] * (forms[i + 1] / norm) for i in range(len(free)))
-        gains = rows[0] + sum(theta[i] * rows[i + 1] for i in range(len(free)))
-        unit = float(self.gain(q))
-        margin = 1e-7 * self._embedded(numpy.outer(d.conj(), d)) / norm
-        constraints = [
-            sum_of_forms - crossed - crossed.T >> margin,
-            skew == -skew.T,
-            cvxpy.abs(gains) / unit <= t,
-        ]
-        constraints += [theta[i] >= 1e-6 for i, k in enumerate(free) if k != 3]
-        if solve_problem(cvxpy.Problem(cvxpy.Minimize(t), constraints)) is None or theta.value is None:
+        margin = 1e-7 * self._embedded(numpy.outer(d.conj(), d))
+        low, high = numpy.eye(3, 4), numpy.eye(3, 4, 1)
+        crossed = [self._embedded(low.T @ Q @ high + high.T @ Q @ low) for Q in _hermitian_basis()]
+        # unknowns: the parts of q that are free, the entries of Q, the largest gain relative to that of q
+        none = numpy.zeros((8, 8))
+        stable = (forms[0] - margin) / norm, [*(form / norm for form in forms[1:]), *(-x for x in crossed), none]
+        constants, slopes = [], []
+        unit, zero = float(self.gain(q)), [0.0] * len(crossed)
+        for k in range(len(rows[0])):
+            for sign in (1, -1):  # t - sign * entry >= 0
+                constants.append(-sign * rows[0][k] / unit)
+                slopes.append([*(-sign * row[k] / unit for row in rows[1:]), *zero, 1.0])
+        for i, k in enumerate(free):
+            if k != 3:  # h, b and x are positive
+                constants.append(-1e-6)
+                slopes.append([*(float(n == i) for n in range(len(free))), *zero, 0.0])
+        point = _minimise_last(stable, numpy.array(constants), numpy.array(slopes))
+        if point is None:
             return q
         found = base.copy()
         for i, k in enumerate(free):
-            found[k] = float(theta.value[i]) * size[k]
+            found[k] = float(point[i]) * size[k]
         sound = (found[:3] > 0).all() and self.rate(found) >= rate * (1 - 1e-4)
         return found if sound else q
 
@@ -548,6 +546,51 @@ class _Search:
             if digits >= 3:
                 break
         return best[1] if best else None
+
+
+def _hermitian_basis() -> list[Any]:
+    """A basis over the reals of the Hermitian matrices of size 3."""
+    import numpy
+
+    basis = []
+    for i in range(3):
+        for j in range(i + 1):
+            for factor in (1.0, 1j) if i > j else (0.5,):
+                a = numpy.zeros((3, 3), complex)
+                a[i, j] = factor
+                basis.append(a + a.conj().T)
+    return basis
+
+
+def _minimise_last(stable: tuple[Any, list[Any]], constants: Any, slopes: Any) -> Any | None:
+    """The point y that minimises its last entry with S_0 + sum y_k S_k >= 0 and constants + slopes y >= 0; or None.
+
+    Shapes: S_k (n, n), constants (r,), slopes (r, variables). Clarabel gets the data as they are: a modelling layer
+    would take longer to load than all of these small programmes to solve. Any status will do, because what comes out
+    is measured before it is used.
+    """
+    import clarabel
+    import numpy
+    from scipy import sparse
+
+    constant, parts = stable
+    j, i = numpy.tril_indices(len(constant))  # the upper triangle, column by column
+    weight = numpy.where(i == j, 1.0, numpy.sqrt(2.0))
+    triangle = numpy.array([part[i, j] * weight for part in parts]).T
+    A = sparse.csc_matrix(-numpy.vstack([slopes, triangle]))
+    b = numpy.concatenate([constants, constant[i, j] * weight])
+    variables = len(parts)
+    if not (numpy.isfinite(A.data).all() and numpy.isfinite(b).all()):
+        return None  # the solver would panic
+    cost = numpy.zeros(variables)
+    cost[-1] = 1.0
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    cones = [clarabel.NonnegativeConeT(len(constants)), clarabel.PSDTriangleConeT(len(constant))]
+    nothing = sparse.csc_matrix((variables, variables))
+    point = numpy.array(clarabel.DefaultSolver(nothing, cost, A, b, cones, settings).solve().x)
+    return point if numpy.isfinite(point).all() else None
 
 
 def _neighbours(x: float, digits: int) -> list[Fraction]:
