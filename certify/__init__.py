@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from certify.kernel.check import check
     from certify.kernel.claims import Claim, Verdict
     from certify.kernel.errors import CertifyError, Fault, Rejected, SpecError
+    from certify.synthesis import Synthesis, synthesize
 
 __version__ = "0.1.0"
 __all__ = [
@@ -26,11 +27,13 @@ __all__ = [
     "Fault",
     "Rejected",
     "SpecError",
+    "Synthesis",
     "Verdict",
     "check",
     "load",
     "prove",
     "read",
+    "synthesize",
 ]
 
 _HOMES = {
@@ -39,6 +42,7 @@ _HOMES = {
     "kernel.check": ("check",),
     "kernel.claims": ("Claim", "Verdict"),
     "kernel.errors": ("CertifyError", "Fault", "Rejected", "SpecError"),
+    "synthesis": ("Synthesis", "synthesize"),
 }
 
 

@@ -78,6 +78,34 @@ def build_parser() -> argparse.ArgumentParser:
     )
     explain.add_argument("subject", metavar="CODE|CERT", help="a code or rule of a message, or a certificate")
     explain.add_argument("spec", metavar="SPEC", nargs="?", help="the spec of the certificate")
+
+    synth = command(
+        "synth",
+        run_synth,
+        "design the gains of one DGU from wishes, and certify the network with them",
+        "certify synth specs/cigre-mv.toml --node 1 --settle 50ms -o new.toml --cert new.cert.json",
+    )
+    synth.add_argument("spec", metavar="SPEC", help="the microgrid, TOML or JSON")
+    synth.add_argument("--node", metavar="NODE", required=True, help="the node whose DGU gets new gains")
+    synth.add_argument(
+        "--settle",
+        metavar="T",
+        help="2 %% settling time: every closed-loop mode of that DGU alone, with its node's capacitance and without "
+        "load, decays at least at rate 4/T; seconds unless a unit is given",
+    )
+    synth.add_argument("--decay", metavar="RATE", help="that rate itself, in 1/s")
+    synth.add_argument(
+        "--max-gain",
+        metavar="G",
+        help="no entry of K11 (no unit), K12 (ohm) and K13 (V per V s) is larger than G in absolute value; alone it "
+        "asks for the fastest design. Without it the smallest gains are sought; those below 1 count as 1",
+    )
+    synth.add_argument(
+        "--tolerance", metavar="SHARE", help='certify with such an error of the filter\'s R, L and C, e.g. "5 %%"'
+    )
+    synth.add_argument("--kind", default="pi", help="pi (state feedback, the default) or ida-pbc")
+    synth.add_argument("-o", "--output", metavar="OUT_SPEC", help="where to write the new spec, if it is certified")
+    synth.add_argument("--cert", metavar="CERT", help="where to write the certificate of the new spec; needs -o")
     return parser
 
 
@@ -231,12 +259,32 @@ def run_explain(options: argparse.Namespace) -> int:
     from certify.report.text import tell
 
     def told(verdict: Any, notes: dict[str, str]) -> int:
+        advice: dict[str, list[str]] = {}
+        more: dict[str, Any] = {}
+        dgus = (claim for claim in verdict.claims if claim.id.startswith("dgu/"))
+        if any(claim.status == "refuted" or claim.rule == "index-storage" for claim in dgus):
+            from certify.report.nearest import advise  # numpy and scipy, only for this
+
+            advice, more = advise(options.spec, verdict)
         if options.json:
-            return _report(options, verdict, notes, {"certificate": subject})
-        print(tell(verdict, f"{subject}, checked against {options.spec}: {verdict.outcome}"))
+            return _report(options, verdict, notes, {"certificate": subject, **more})
+        title = f"{subject}, checked against {options.spec}: {verdict.outcome}"
+        print(tell(verdict, title, advice=advice))
         return EXIT_CODES[verdict.outcome]
 
     return _checked(options, subject, told)
+
+
+def run_synth(options: argparse.Namespace) -> int:
+    from certify.report.synthesis import run
+
+    try:
+        with _progress(f"proving {options.spec}") as progress:
+            return run(options, progress, EXIT_CODES)
+    except SpecError as error:
+        return _bad_input(options, error.faults)
+    except Rejected as rejection:
+        return _rejected(options, rejection)
 
 
 def _prove(path: str) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from fractions import Fraction
 
 from certify.diagnostics import DIAGNOSTICS
@@ -141,13 +141,17 @@ def render_faults(faults: tuple[Fault, ...], file: str, colour: bool = False, li
     return "\n".join(blocks)
 
 
-def tell(verdict: Verdict, title: str, limit: int = 200) -> str:
-    """A certificate in words: each claim, by which rule, with which margin, and what is assumed."""
+def tell(verdict: Verdict, title: str, limit: int = 200, advice: Mapping[str, list[str]] | None = None) -> str:
+    """A certificate in words: each claim, by which rule, with which margin, and what is assumed.
+
+    `advice` has further lines for some claims, by their ids.
+    """
     lines = [title, ""]
     for claim in verdict.claims[:limit]:
         by = f", by rule {claim.rule}" if claim.rule else ""
         lines.append(f"- {claim.id}: {claim.status}{by}. {claim.statement[0].upper()}{claim.statement[1:]}.")
         lines += [f"    {name}: {_fact(name, value, unit)}" for name, value, unit in claim.facts]
+        lines += [f"    {line}".rstrip() for line in (advice or {}).get(claim.id, ())]
     if len(verdict.claims) > limit:
         lines.append(f"- and {len(verdict.claims) - limit} more claims (--json has them all)")
     lines += ["", "Assumed, and not proved:"]
