@@ -75,11 +75,22 @@ def reduce_port(port: LinearPort) -> Family:
         if not reduced.R.ncols():
             break
         H = reduced.riccati.hamiltonian()
-        faces = [reduced.lift(axis_pairs(H, factor.f)) for factor in axis_factors(H) if factor.entirely]
+        factors = axis_factors(H)
+        if any(factor.multiplicity % 2 and factor.f[0] for factor in factors):
+            family.crosses = True  # an eigenvalue of Z + Z* changes its sign there
+            break
+        faces = [reduced.lift(axis_pairs(H, factor.f)) for factor in factors if factor.entirely]
         grown = [family.impose_face(U) for U in faces]
         if not any(grown):
             break
     return family
+
+
+def grows(port: LinearPort) -> bool:
+    """Whether F has an eigenvalue in the open right half-plane: then P > 0 and M >= 0 cannot be."""
+    from certify.search.exact import to_flint
+
+    return any(root.real > 0 for root, _ in to_flint(port.F).charpoly().numer().complex_roots())
 
 
 def find_storage(port: LinearPort, family: Family) -> Matrix | None:
@@ -94,7 +105,7 @@ def find_storage(port: LinearPort, family: Family) -> Matrix | None:
             return False
         return True
 
-    if family.point is None or family.obstacle is not None:
+    if family.point is None or family.obstacle is not None or family.crosses or grows(port):
         return None
     if family.is_free():
         return solve_free(reduce_to_riccati(family), accept)

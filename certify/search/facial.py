@@ -37,6 +37,7 @@ class Family:
         self.index = {pair: k for k, pair in enumerate((i, j) for i in range(self.n) for j in range(i, self.n))}
         self.faces: list[Vectors] = []
         self.obstacle: tuple[bool, Vector] | None = None  # of storage or not, and the direction
+        self.crosses = False  # set if some frequency shows that no storage matrix is left
         self.point: Exact | None = None
         self.directions: list[Exact] = []
         # What is left of the equations: rows of a reduced echelon form, the right side last.

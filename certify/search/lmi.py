@@ -7,7 +7,7 @@ States are balanced and time is scaled before a solver sees numbers; what it can
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from itertools import chain
 from typing import Any
@@ -19,7 +19,7 @@ from certify.search.facial import Family
 from certify.search.spectral import Reduced, Riccati, riccati_candidates
 
 ROUNDINGS = (3, 6, 10, 14)  # decimal digits kept of a solver's point, the fewest first: short certificates
-LONG_ROUNDINGS = (8, 16, 24, 40, 60, 100)  # of a point known in high precision
+LONG_ROUNDINGS = (8, 16, 24, 40, 60, 100, 200)  # of a point known in high precision
 Accept = Callable[[Matrix], bool]
 
 
@@ -30,17 +30,43 @@ def solve_free(reduced: Reduced, accept: Accept) -> Matrix | None:
     if not reduced.R.ncols():
         P = exact.from_flint(reduced.storage(reduced.riccati.Q))
         return P if accept(P) else None
-    for candidates, digits in (
-        (balanced_candidates(reduced), ROUNDINGS),
-        (((X, None) for X in riccati_candidates(reduced.riccati)), LONG_ROUNDINGS),
-        (balanced_candidates(reduced, second_opinion=True), ROUNDINGS),
-    ):
-        for X, scales in candidates:
-            for count in digits:
-                P = exact.from_flint(reduced.storage(rounded(X, count, scales)))
-                if accept(P):
-                    return P
-    return None
+    return find_solution(reduced, lambda X: exact.from_flint(reduced.storage(X)), accept)
+
+
+def find_solution(reduced: Reduced, storage: Callable[[Exact], Matrix], accept: Accept) -> Matrix | None:
+    """The storage matrix of a solution X with as few digits as `accept` lets pass, or None.
+
+    First Clarabel, whose points have room around them; then high precision; then SCS for a second opinion.
+    """
+
+    def shortest(X: Exact, digits: Iterable[int], scales: list[Fraction] | None = None) -> Matrix | None:
+        if not looks_definite(storage(X)):
+            return None
+        candidates = (storage(rounded(X, count, scales)) for count in digits)
+        return next((P for P in candidates if accept(P)), None)
+
+    def solver_points(second_opinion: bool) -> Iterator[Matrix | None]:
+        for X, scales in balanced_candidates(reduced, second_opinion):
+            yield shortest(X, ROUNDINGS, scales)
+
+    def precise_points() -> Iterator[Matrix | None]:
+        for X in riccati_candidates(reduced.riccati):
+            yield shortest(X, LONG_ROUNDINGS) if accept(storage(X)) else None
+
+    results = chain(solver_points(False), precise_points(), solver_points(True))
+    return next((P for P in results if P is not None), None)
+
+
+def looks_definite(P: Matrix) -> bool:
+    """Whether P is positive definite as far as floats tell, with its diagonal scaled to one: a cheap filter."""
+    import numpy
+
+    n = len(P)
+    if any(P[i][i] <= 0 for i in range(n)):
+        return False
+    exponents = [(P[i][i].numerator.bit_length() - P[i][i].denominator.bit_length()) // 2 for i in range(n)]
+    scaled = [[float(P[i][j] / Fraction(2) ** (exponents[i] + exponents[j])) for j in range(n)] for i in range(n)]
+    return bool(numpy.linalg.eigvalsh(numpy.array(scaled))[0] > -1e-9)
 
 
 def rounded(X: Exact, digits: int, scales: list[Fraction] | None = None) -> Exact:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import chain
 from typing import Any
 
 from flint import fmpq_mat
@@ -28,11 +29,11 @@ from certify.search.frequency import (
     poles_of,
     worst_frequencies,
 )
-from certify.search.lmi import LONG_ROUNDINGS, ROUNDINGS, balanced_candidates, round_float, to_float
+from certify.search.lmi import LONG_ROUNDINGS, ROUNDINGS, find_solution, round_float, to_float
 from certify.search.proposal import Proposal, to_rows
 from certify.search.roots import round_to_digits, square_root
 from certify.search.solvers import Block, largest_margin, minimise
-from certify.search.spectral import Reduced, Riccati, riccati_candidates
+from certify.search.spectral import Reduced, Riccati
 
 ABOVE = Fraction(102, 100)  # how far above the shortage found a level is tried
 APPROACHES = (3, 6, 12, 24)  # decimal digits by which the witness comes near the imaginary axis
@@ -159,17 +160,15 @@ def find_index_storage(response: Response, level: Fraction) -> Matrix | None:
     nothing = fmpq_mat(n, 0, [])
     empty = fmpq_mat(0, 0, [])
     reduced = Reduced(riccati, nothing, exact.identity(n), empty, fmpq_mat(0, n, []), empty)
-    for candidates, digits in (
-        (balanced_candidates(reduced), ROUNDINGS),
-        (((X, None) for X in riccati_candidates(riccati)), LONG_ROUNDINGS),
-    ):
-        for X, _ in candidates:
-            P0 = in_charges(response.port, X)
-            for count in digits:
-                short = _round_entries(P0, count)
-                if holds([response.port], short, level):
-                    return short
-    return None
+    digits = chain(ROUNDINGS, LONG_ROUNDINGS)
+
+    def accept(P0: Matrix) -> bool:
+        return holds([response.port], P0, level)
+
+    P0 = find_solution(reduced, lambda X: in_charges(response.port, X), accept)
+    if P0 is None:
+        return None
+    return next((short for short in (_round_entries(P0, count) for count in digits) if accept(short)), P0)
 
 
 def in_charges(port: LinearPort, P: Exact) -> Matrix:

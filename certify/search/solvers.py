@@ -53,7 +53,7 @@ def largest_margin(blocks: Sequence[Block], second_opinion: bool = False) -> Ite
     widened = [_with_margin(block) for block in blocks]
     for bound in BOUNDS[1:2] if second_opinion else BOUNDS:
         point = minimise(cost, widened, bound, 1.0, second_opinion)
-        if point is not None:
+        if point is not None and point[-1] > 0:
             yield point
 
 

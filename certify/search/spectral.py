@@ -20,7 +20,8 @@ from certify.search import exact
 from certify.search.exact import Exact
 from certify.search.facial import Family
 
-PRECISIONS = (200, 400, 1000)  # bits
+# Margins tried, as powers of two, each with the precision in bits that it takes.
+MARGINS = ((-8, 200), (-20, 200), (-50, 300), (-100, 500), (-200, 800), (-400, 1500))
 
 
 @dataclass(frozen=True)
@@ -199,43 +200,32 @@ def _ldl(a: Matrix) -> tuple[list[list[Fraction]], list[Fraction]]:
 # --- strictly feasible inequalities ---------------------------------------------------------------------------
 
 
-def riccati_candidates(riccati: Riccati, scales: list[float] | None = None) -> Iterator[Exact]:
+def has_axis_eigenvalues(H: Exact) -> bool:
+    return bool(negative_roots(even_part(H)))
+
+
+def riccati_candidates(riccati: Riccati) -> Iterator[Exact]:
     """Solutions X of the inequality with some margin, from the invariant subspaces in high precision.
 
-    The margin is a small multiple of a diagonal matrix, in the scale of the states; both extreme solutions and
-    their mean are tried. None of them is trusted.
+    The margin is a small multiple of a diagonal matrix; both extreme solutions and their mean are tried. None of them
+    is trusted.
     """
     r = riccati.A.nrows()
-    for bits in PRECISIONS:
-        for exponent in (-6, -12, -24, -48, -96):
-            if -3 * exponent > bits:
-                break
-            size = scales or [1.0] * r
-            entries = [
-                fmpq(2**40 + 2**30 * (i + 1), 2**40) * _power(exponent) * _near(size[i] * size[i])
-                if i == j
-                else fmpq(0)
-                for i in range(r)
-                for j in range(r)
-            ]
-            H = riccati.hamiltonian(fmpq_mat(r, r, entries))
-            if axis_factors(H):
-                continue
-            ends = [X for X in (_extreme(H, bits, sign) for sign in (1, -1)) if X is not None]
-            if len(ends) == 2:
-                yield (ends[0] + ends[1]) * fmpq(1, 2)
-            yield from ends
+    for exponent, bits in MARGINS:
+        entries = [
+            fmpq(2**10 + i + 1, 2**10) * _power(exponent) if i == j else fmpq(0) for i in range(r) for j in range(r)
+        ]
+        H = riccati.hamiltonian(fmpq_mat(r, r, entries))
+        if has_axis_eigenvalues(H):
+            continue
+        ends = [X for X in (_extreme(H, bits, sign) for sign in (1, -1)) if X is not None]
+        if len(ends) == 2:
+            yield (ends[0] + ends[1]) * fmpq(1, 2)
+        yield from ends
 
 
 def _power(exponent: int) -> fmpq:
     return fmpq(1, 2**-exponent) if exponent < 0 else fmpq(2**exponent)
-
-
-def _near(x: float) -> fmpq:
-    """A power of two near a positive float."""
-    value = Fraction(x)
-    exponent = value.numerator.bit_length() - value.denominator.bit_length()
-    return _power(exponent)
 
 
 def _extreme(H: Exact, bits: int, sign: int) -> Exact | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from certify.kernel.linalg import Matrix, add, block, multiply, scale, transpose
+from certify.kernel.linalg import Matrix, add, block, identity, multiply, scale, transpose
 from certify.kernel.model import LinearPort
 
 
@@ -23,8 +23,8 @@ def find_state_feedback_storage(port: LinearPort) -> Matrix | None:
     Shapes: the result is (4, 4) on (I, v), or (2, 2) on I.
     Source: THEORY section 4, with everything divided by L, which then drops out.
     """
-    n = len(port.F)
-    if port.capacitance_farad is None or n not in (4, 6):
+    n, c = len(port.F), port.capacitance_farad
+    if c is None or n not in (4, 6) or len(port.C) != 2 or not _is_state_feedback(port, c):
         return None
     G, H = (scale(sign, _part(port.F, 2, column)) for sign, column in ((-1, 0), (1, 2)))
     if n == 4:
@@ -39,6 +39,14 @@ def find_state_feedback_storage(port: LinearPort) -> Matrix | None:
     coupling = scale(-1, multiply(weight, X))
     corner = add(X, scale(-1, multiply(transpose(X), coupling)))
     return block([[weight, coupling], [transpose(coupling), corner]])
+
+
+def _is_state_feedback(port: LinearPort, c: Fraction) -> bool:
+    """Whether the states are (V, I) or (V, I, v) of `dgu_port`, and nothing else happens to V and v."""
+    n, unit = len(port.F), identity(len(port.F))
+    voltage_rows = all(port.F[i][2:4] == scale(1 / c, identity(2))[i] and not any(port.F[i][4:]) for i in (0, 1))
+    integrator_rows = all(port.F[4 + i] == tuple(-x for x in unit[i]) for i in range(n - 4))
+    return voltage_rows and integrator_rows and unit[:2] == port.C
 
 
 def _part(F: Matrix, row: int, column: int) -> Matrix:
