@@ -540,7 +540,7 @@ def touch(rng: random.Random, kind: str) -> Made:
 
 
 def zero_damping(rng: random.Random, kind: str) -> Made:
-    """The inverter with H Bm + Bm H' = 0, or -10^-k I or +10^-k I; h = 0 with the integrator has no definite P."""
+    """The inverter with H Bm + Bm H' = 0, or -10^-k I or +10^-k I; no integrator, since K13 = -H X = 0."""
     m = channels(rng)
     loop = Loop(rng, "coupled", m, with_integrator=False)
     error = rng.choice((-1, 1)) * Fraction(1, 10 ** rng.randint(3, 30)) if kind.startswith("error") else ZERO
@@ -581,7 +581,7 @@ def full(rng: random.Random, rows: int, width: int) -> Matrix:
 
 
 def generic(rng: random.Random, kind: str) -> Made:
-    """Random F, B, C, F shifted to be stable by Gershgorin's bound; in half of them C B = (C B)' > 0 nearly holds."""
+    """Random F, B, C, F shifted to be stable by Gershgorin's bound; in half of them C = (Q B)' with Q > 0."""
     m = channels(rng)
     n = states(rng, max(2, m))
     F, B = full(rng, n, n), full(rng, n, m)
