@@ -47,6 +47,10 @@ def smallest_eigenvalue(F: Any, B: Any, C: Any, w: Any) -> Any:
     return ((a + d) - ((a - d) ** 2 + 4 * b**2).sqrt()) / 2 / size
 
 
+def largest(matrix: Any) -> float:
+    return max(float(abs(x)) for x in matrix.entries())
+
+
 def check(port: LinearPort) -> str | None:
     """PASSIVE, NOT_PASSIVE, or None if it is too close to tell."""
     with ctx.workdps(DIGITS):
@@ -56,12 +60,7 @@ def check(port: LinearPort) -> str | None:
         margin = size * 1e-8  # Jordan blocks of k states lose all but 1/k of the digits
         for k, s in enumerate(values):
             x = acb_mat(F.nrows(), 1, [vectors[i, k] for i in range(F.nrows())])
-            seen = max(float(abs(y)) for y in (C * x).entries()) / max(
-                float(abs(c) * abs(vectors[j, k]))
-                for j in range(F.nrows())
-                for c in (C[i, j] for i in range(C.nrows()))
-            )
-            if float(s.real) > margin and seen > 1e-15:
+            if float(s.real) > margin and largest(C * x) > 1e-50 * largest(C) * largest(x):
                 return NOT_PASSIVE  # reached or not: an observable growing mode has no storage function
         marks = [log10(x) for v in values for x in (float(abs(v)), abs(float(v.imag))) if x > size * 1e-20]
         start, end = min(marks, default=0.0) - 2, max(marks, default=0.0) + 2
