@@ -31,13 +31,32 @@ invariant under F and lies in ker C.
 Example: one axis with 1 - K11 = L X and h < 0. Then Z is lossless (Phi = 0, U = 1), but the mode w = I - X v,
 L w' = h w, is out of reach and drives V: the input that repeats the lossless response scaled by k gains k <z0, d>.
 
-A positive *definite* P also needs something of the unobservable modes. It is decided here if these sit at s = 0, as
-those of an inverter do: then s = 0 must be semisimple with rank C R = rank L*B = rank K, by the same equation.
+A positive *definite* P exists iff moreover (4) F is stable in the sense of Lyapunov: no eigenvalue in Re s > 0, those
+on the imaginary axis semisimple; and (5) the dual port (F', C', B') has a storage function too.
+Sketch. Needed: P gives (4), and P^-1 is a storage matrix of the dual. Enough: P splits along the spectral subspaces of
+Re s = 0 and Re s < 0, as above. At jw, with X = L*B and Y = (C R)*, Phi0 X = Y has a solution Phi0 > 0 iff X*Y is
+Hermitian >= 0 and rank X = rank Y = rank X*Y; that X*Y has these ranks is "every observable mode is reached" and its
+dual. So let F be Hurwitz, and x = (c, r) with c the reached states. On the states c alone, (5) gives the observable
+dual a storage matrix, all of which are definite, and its inverse is a Pc > 0; so all Pc in the relative interior of
+the storage matrices there are. Let Pa >= 0 belong to the whole port, with the blocks Pa_c, Xa. For P = [[Pc, Xa],
+[Xa', Y]], P B = C' holds, and if the off-diagonal block of M maps into the range of M_c = -(Fc'Pc + Pc Fc), then
+Y = t Y0 with -(Fr'Y0 + Y0 Fr) > 0 and t large makes P > 0 and M >= 0. It does: k in ker M_c lies in the kernel of
+every storage's M, since Pc is in the relative interior, and in that of D = Pc - Pa_c, so that k'M_cr = k'Ma_cr = 0.
+(D k = 0: for Phi > 0 at some w, infinity say by a Moebius map of the axis, which keeps the set of storage matrices,
+D solves A'D + D A + D B R^-1 B' D <= 0 with A the closed loop of the least storage. If D0 is the largest, the others
+include all (D0^-1 + W)^-1 on the quotient by its kernel, W from A W + W A' < 0, and these have no common kernel k there.
+Inputs with Phi(s) u(s) = 0 for all s lead to states x(s) with M x(s) = 0 and F'D x(s) = -s D x(s) for every P,
+hence D x(s) = 0.) `tests/loops.py` tests the rule on ports built to have or lack a definite P.
+
+What is exact: ranks, gcds, characteristic polynomials and divisions are rational. Signs of roots and of values at roots
+are read off enclosures in ball arithmetic; whether such a sign is zero is decided by gcds first, so that a longer
+enclosure always settles it, and one that does not is an ArithmeticError, never a verdict. flint isolates the
+roots of an integer polynomial and returns real ones with an imaginary part of exactly zero.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flint import ctx, fmpq, fmpq_mat, fmpq_poly
 
@@ -52,11 +71,11 @@ ONE = fmpq_poly([1])
 
 @dataclass(frozen=True)
 class Truth:
-    """`passive`: some P >= 0 exists. `definite`: some P > 0 exists, None if that is not decided."""
+    """`passive`: some P >= 0 exists. `definite`: some P > 0 exists."""
 
     passive: bool
     reason: str
-    definite: bool | None = None
+    definite: bool = False
     uncontrollable: int = 0
     unobservable: int = 0
 
@@ -68,11 +87,22 @@ class Truth:
 
 
 def decide(port: LinearPort) -> Truth:
-    """Whether a storage function exists. Raises: ValueError if there are more than two channels."""
+    """Whether a storage function exists, and a definite one. Raises: ValueError if there are more than two channels."""
     F, B, C = (to_flint(matrix) for matrix in (port.F, port.B, port.C))
-    n, m = F.nrows(), B.ncols()
-    if m > 2 or C.nrows() != m:
+    if B.ncols() > 2 or C.nrows() != B.ncols():
         raise ValueError("the oracle knows one or two channels")
+    truth = decide_semidefinite(F, B, C)
+    if not truth.passive or not truth.unobservable:
+        return truth
+    if not is_lyapunov_stable(F):
+        return replace(truth, definite=False, reason="a mode that nobody sees grows")
+    dual = decide_semidefinite(F.transpose(), C.transpose(), B.transpose())
+    return truth if dual.passive else replace(truth, definite=False, reason=f"the dual port: {dual.reason}")
+
+
+def decide_semidefinite(F: fmpq_mat, B: fmpq_mat, C: fmpq_mat) -> Truth:
+    """Whether some P >= 0 exists, by the theorem; `definite` is True if it exists, of the observable part that is."""
+    n = F.nrows()
     Fo, Bo, Co = observable_part(F, B, C)
     F1, B1, C1 = controllable_part(Fo, Bo, Co)
     hidden, unreached = n - Fo.nrows(), Fo.nrows() - F1.nrows()
@@ -85,7 +115,7 @@ def decide(port: LinearPort) -> Truth:
     if not has_imaginary_roots_only(symmetric) or not is_hurwitz(rest):
         return refuted("a pole in Re s > 0")
     Psi = hermitian_numerator(N, D)
-    if not is_nonnegative_on_axis(Psi):
+    if not is_nonnegative_on_axis(Psi, D * mirror(D)):
         return refuted("Re Z(jw) < 0 at some w")
     reason = residue_fault(N, symmetric, rest)
     if reason:
@@ -95,23 +125,16 @@ def decide(port: LinearPort) -> Truth:
         return refuted("an observable mode out of reach does not decay")
     if unreached and not spares_lossless_channels(Psi, Fo, Co, chi):
         return refuted("an observable mode out of reach feeds a lossless channel")
-    reason = "positive real, and the modes out of reach are harmless"
-    return Truth(True, reason, _definite(F, B, C, Fo), unreached, hidden)
+    return Truth(True, "positive real, and the modes out of reach are harmless", True, unreached, hidden)
 
 
-def _definite(F: fmpq_mat, B: fmpq_mat, C: fmpq_mat, Fo: fmpq_mat) -> bool | None:
-    """Whether P > 0 exists for a passive port: the unobservable modes must be those of an eigenvalue 0."""
-    hidden = F.nrows() - Fo.nrows()
-    if not hidden:
-        return True
-    R, left = null_columns(F), null_columns(F.transpose())
-    invisible = null_columns(stacked([C * F**k for k in range(F.nrows())]))
-    if divide(F.charpoly(), Fo.charpoly()) != VARIABLE**hidden:
-        return None
-    if F * invisible != fmpq_mat(F.nrows(), hidden) or (left.transpose() * R).rank() < R.ncols():
-        return False  # 0 is not semisimple
-    residue = C * R * (left.transpose() * R).inv() * left.transpose() * B
-    return bool((C * R).rank() == (left.transpose() * B).rank() == residue.rank())
+def is_lyapunov_stable(F: fmpq_mat) -> bool:
+    """Whether x' = F x stays bounded: the imaginary eigenvalues semisimple, the others in Re s < 0."""
+    symmetric, rest = split(F.charpoly())
+    if not has_imaginary_roots_only(symmetric) or not is_hurwitz(rest):
+        return False
+    radical = divide(symmetric, symmetric.gcd(symmetric.derivative())) if symmetric.degree() > 0 else ONE
+    return bool(F.nrows() - polynomial_at(radical, F).rank() == symmetric.degree())
 
 
 # --- linear algebra -----------------------------------------------------------------------------------------
@@ -160,6 +183,16 @@ def controllable_part(F: fmpq_mat, B: fmpq_mat, C: fmpq_mat) -> tuple[fmpq_mat, 
     """The restriction to the states that the input reaches; dual to the observable part."""
     F1, C1, B1 = observable_part(F.transpose(), C.transpose(), B.transpose())
     return F1.transpose(), B1.transpose(), C1.transpose()
+
+
+def polynomial_at(p: fmpq_poly, F: fmpq_mat) -> fmpq_mat:
+    """p(F) by Horner's rule."""
+    n = F.nrows()
+    identity = fmpq_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
+    result = fmpq_mat(n, n)
+    for c in reversed(p.coeffs()):
+        result = result * F + c * identity
+    return result
 
 
 def transfer(F: fmpq_mat, B: fmpq_mat, C: fmpq_mat) -> tuple[PolyMatrix, fmpq_poly]:
@@ -281,12 +314,15 @@ def hermitian_numerator(N: PolyMatrix, D: fmpq_poly) -> PolyMatrix:
     return [[N[i][j] * mirror(D) + mirror(N[j][i]) * D for j in range(m)] for i in range(m)]
 
 
-def is_nonnegative_on_axis(Psi: PolyMatrix) -> bool:
-    """Psi(jw) >= 0 for all w, by trace and determinant. At zeros of D this follows by continuity."""
+def is_nonnegative_on_axis(Psi: PolyMatrix, square: fmpq_poly) -> bool:
+    """Psi(jw) >= 0 for all w, by trace and determinant. At zeros of D this follows by continuity.
+
+    `square` is D D~, which divides the determinant: the poles of Z + Z~ are those of diag(F, -F'), each minor alike.
+    """
     if len(Psi) == 1:
         return is_nonnegative(in_square(Psi[0][0]))
     trace, determinant = Psi[0][0] + Psi[1][1], Psi[0][0] * Psi[1][1] - Psi[0][1] * Psi[1][0]
-    return is_nonnegative(in_square(trace)) and is_nonnegative(in_square(determinant))
+    return is_nonnegative(in_square(trace)) and is_nonnegative(in_square(divide(determinant, square)))
 
 
 def residue_fault(N: PolyMatrix, symmetric: fmpq_poly, rest: fmpq_poly) -> str | None:

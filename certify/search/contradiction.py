@@ -11,7 +11,7 @@ from typing import Any
 
 from flint import fmpq, fmpq_mat
 
-from certify.kernel.linalg import Vector, ldl_pivots
+from certify.kernel.linalg import ldl_pivots
 from certify.kernel.model import LinearPort
 from certify.search import exact
 from certify.search.exact import Exact
@@ -19,7 +19,15 @@ from certify.search.facial import Family, Vectors
 from certify.search.lmi import balance, round_float, to_float
 from certify.search.proposal import to_rows, to_text
 from certify.search.solvers import Block, largest_margin
-from certify.search.spectral import Riccati, axis_factors, axis_pairs, face_of_pairs, reduce_to_riccati
+from certify.search.spectral import (
+    Riccati,
+    axis_factors,
+    axis_pairs,
+    conserved,
+    face_of_pairs,
+    polynomial_at,
+    reduce_to_riccati,
+)
 
 MAX_STATES = 14  # identities among the entries of P take minutes beyond it
 
@@ -54,7 +62,7 @@ def find_unreached_mode(port: LinearPort) -> dict[str, Any] | None:
 
 def _undamped(F: Exact, B: Exact, C: Exact, V: Exact, g: Any) -> tuple[Exact, Exact] | None:
     A = exact.solve_columns(V, F * V)
-    Omega = _conserved(A, g)
+    Omega = conserved(A, g)
     n, k = F.nrows(), A.nrows()
     right = fmpq_mat(n * k, 1, (-(B * C * V)).entries())
     x = exact.solve_any(_linear_map(n, k, lambda X: X * A - F * X), right)
@@ -119,13 +127,6 @@ def _ratio(A: Exact, G: Exact, D: Exact) -> Any:
     return fmpq(ratio.numerator, ratio.denominator)
 
 
-def polynomial_at(g: Any, F: Exact) -> Exact:
-    value, one = F * 0, exact.identity(F.nrows())
-    for k in range(g.degree(), -1, -1):
-        value = value * F + one * fmpq(g[k])
-    return value
-
-
 def _spanned_by(F: Exact, B: Exact) -> Exact:
     """A basis (columns) of the states that the inputs reach."""
     found = exact.independent(B)
@@ -144,15 +145,6 @@ def _linear_map(n: int, k: int, image: Any) -> Exact:
             unit = fmpq_mat(n, k, [int((a, b) == (i, j)) for a in range(n) for b in range(k)])
             columns.append(image(unit).entries())
     return fmpq_mat(n * k, n * k, [column[r] for r in range(n * k) for column in columns])
-
-
-def _conserved(A: Exact, g: Any) -> Exact:
-    """Omega > 0 with A Omega + Omega A' = 0, for the imaginary roots of an irreducible g."""
-    if g.degree() == 1:
-        return exact.identity(1)
-    f = type(g)([g[i] for i in range(0, g.degree() + 1, 2)])
-    U, weights = face_of_pairs(A, f, exact.columns(exact.identity(A.nrows()), [0]))
-    return U * fmpq_mat(len(weights), len(weights), _diagonal(weights)) * U.transpose()
 
 
 def find_contradiction(port: LinearPort) -> dict[str, Any] | None:
@@ -176,8 +168,7 @@ def find_contradiction(port: LinearPort) -> dict[str, Any] | None:
     equations = Equations(family)
     faces = []
     for face in family.faces:
-        weights = fmpq_mat(len(face.weights), len(face.weights), _diagonal(face.weights))
-        square = face.U * weights * face.U.transpose()
+        square = face.U * exact.diagonal(face.weights) * face.U.transpose()
         found = equations.combination(_twice(square if face.of_storage else family.F * square), fmpq(0))
         if found is None:
             return None
@@ -193,11 +184,6 @@ def find_contradiction(port: LinearPort) -> dict[str, Any] | None:
         equations.add(face)
     found = equations.combination(target, trace)
     return found and {"faces": faces, "W": to_rows(exact.from_flint(W)), "Y": found[0], "y": found[1]}
-
-
-def _diagonal(weights: Vector) -> list[Any]:
-    n = len(weights)
-    return [fmpq(weights[i].numerator, weights[i].denominator) if i == j else 0 for i in range(n) for j in range(n)]
 
 
 def _twice(a: Exact) -> Exact:

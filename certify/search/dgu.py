@@ -96,7 +96,7 @@ def grows(port: LinearPort) -> bool:
 def find_storage(port: LinearPort, family: Family) -> Matrix | None:
     """A storage matrix that the kernel's rule accepts, or None."""
     from certify.search.lmi import solve_family, solve_free
-    from certify.search.spectral import reduce_to_riccati
+    from certify.search.spectral import hidden_undamped_modes, reduce_to_riccati
 
     def accept(P: Matrix) -> bool:
         try:
@@ -105,8 +105,9 @@ def find_storage(port: LinearPort, family: Family) -> Matrix | None:
             return False
         return True
 
+    for V, image in () if family.is_free() else hidden_undamped_modes(family):
+        family.choose(V, image)
     if family.point is None or family.obstacle is not None or family.crosses or grows(port):
         return None
-    if family.is_free():
-        return solve_free(reduce_to_riccati(family), accept)
-    return solve_family(family, accept)
+    found = solve_free(reduce_to_riccati(family), accept) if family.is_free() else None
+    return found or solve_family(family, accept)

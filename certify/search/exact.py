@@ -42,6 +42,12 @@ def identity(n: int) -> Exact:
     return fmpq_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
 
 
+def diagonal(values: Sequence[Fraction]) -> Exact:
+    n = len(values)
+    zero = Fraction(0)
+    return to_flint([[values[i] if i == j else zero for j in range(n)] for i in range(n)])
+
+
 def block(rows: Sequence[Sequence[Exact]]) -> Exact:
     """One matrix out of a grid of blocks."""
     height, width = sum(line[0].nrows() for line in rows), sum(a.ncols() for a in rows[0])

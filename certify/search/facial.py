@@ -149,6 +149,10 @@ class Family:
             self._impose([], chosen)
         return True
 
+    def choose(self, V: Exact, image: Exact) -> None:
+        """Restrict the family to P V = image: a choice, not a consequence."""
+        self._impose([(V, image)])
+
     def is_free(self) -> bool:
         """Whether the family is all P with the known images: then what is left is one Riccati inequality."""
         if self.point is None:

@@ -197,6 +197,45 @@ def _ldl(a: Matrix) -> tuple[list[list[Fraction]], list[Fraction]]:
     return L, [rows[k][k] for k in range(n)]
 
 
+def polynomial_at(g: Any, F: Exact) -> Exact:
+    value, one = F * 0, exact.identity(F.nrows())
+    for k in range(g.degree(), -1, -1):
+        value = value * F + one * fmpq(g[k])
+    return value
+
+
+def conserved(A: Exact, g: Any) -> Exact:
+    """Omega > 0 with A Omega + Omega A' = 0, for the imaginary roots of an irreducible g."""
+    if g.degree() == 1:
+        return exact.identity(1)
+    f = type(g)([g[i] for i in range(0, g.degree() + 1, 2)])
+    U, weights = face_of_pairs(A, f, exact.columns(exact.identity(A.nrows()), [0]))
+    return U * exact.diagonal(weights) * U.transpose()
+
+
+def hidden_undamped_modes(family: Family) -> Iterator[tuple[Exact, Exact]]:
+    """V and an image P V for each undamped mode that no input reaches and no output shows: any energy will do."""
+    F, n = family.F, family.n
+    for g, _ in F.charpoly().numer().factor()[1]:
+        if not all(z.real == 0 for z, _ in g.complex_roots()):
+            continue
+        V, R = exact.null_space(polynomial_at(g, F)), exact.independent(polynomial_at(g, F))
+        if V.ncols() != g.degree() or V.ncols() + R.ncols() != n or (family.C * V).rank():
+            continue
+        T = exact.block([[V, R]])
+        if T.rank() < n:
+            continue
+        inverse = T.inv()
+        rows = inverse.tolist()[: V.ncols()]
+        if (exact.of_rows(rows, n) * family.B).rank():
+            continue
+        energy = conserved(exact.solve_columns(V, F * V), g).inv()
+        yield (
+            V,
+            inverse.transpose() * exact.block([[energy], [exact.of_rows([[0] * V.ncols()] * R.ncols(), V.ncols())]]),
+        )
+
+
 # --- strictly feasible inequalities ---------------------------------------------------------------------------
 
 
