@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from certify.kernel.claims import Claim, Verdict
     from certify.kernel.errors import CertifyError, Fault, Rejected, SpecError
     from certify.synthesis import Synthesis, synthesize
+    from certify.tolerance import LargestTolerance, largest_tolerance
 
 __version__ = "0.1.0"
 __all__ = [
@@ -25,11 +26,13 @@ __all__ = [
     "CertifyError",
     "Claim",
     "Fault",
+    "LargestTolerance",
     "Rejected",
     "SpecError",
     "Synthesis",
     "Verdict",
     "check",
+    "largest_tolerance",
     "load",
     "prove",
     "read",
@@ -43,6 +46,7 @@ _HOMES = {
     "kernel.claims": ("Claim", "Verdict"),
     "kernel.errors": ("CertifyError", "Fault", "Rejected", "SpecError"),
     "synthesis": ("Synthesis", "synthesize"),
+    "tolerance": ("LargestTolerance", "largest_tolerance"),
 }
 
 

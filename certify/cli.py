@@ -106,6 +106,22 @@ def build_parser() -> argparse.ArgumentParser:
     synth.add_argument("--kind", default="pi", help="pi (state feedback, the default) or ida-pbc")
     synth.add_argument("-o", "--output", metavar="OUT_SPEC", help="where to write the new spec, if it is certified")
     synth.add_argument("--cert", metavar="CERT", help="where to write the certificate of the new spec; needs -o")
+
+    tolerance = command(
+        "tolerance",
+        run_tolerance,
+        "find the largest tolerance with which the network is still certified",
+        "certify tolerance specs/cigre-mv.toml --of filter -o tolerant.toml",
+    )
+    tolerance.add_argument("spec", metavar="SPEC", help="the microgrid, TOML or JSON")
+    tolerance.add_argument(
+        "--of",
+        metavar="KINDS",
+        help="which parts may be off, all at once and each on its own: some of filter,line,load (default: all); "
+        "parts with a tolerance of their own keep it",
+    )
+    tolerance.add_argument("-o", "--output", metavar="OUT_SPEC", help="where to write the spec with that tolerance")
+    tolerance.add_argument("--cert", metavar="CERT", help="where to write its certificate; needs -o")
     return parser
 
 
@@ -277,6 +293,18 @@ def run_explain(options: argparse.Namespace) -> int:
 
 def run_synth(options: argparse.Namespace) -> int:
     from certify.report.synthesis import run
+
+    try:
+        with _progress(f"proving {options.spec}") as progress:
+            return run(options, progress, EXIT_CODES)
+    except SpecError as error:
+        return _bad_input(options, error.faults)
+    except Rejected as rejection:
+        return _rejected(options, rejection)
+
+
+def run_tolerance(options: argparse.Namespace) -> int:
+    from certify.report.tolerance import run
 
     try:
         with _progress(f"proving {options.spec}") as progress:

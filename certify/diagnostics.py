@@ -147,6 +147,13 @@ _ALL = (
         'leave the tolerance out, or give that filter tolerance = "0 %"',
     ),
     Diagnostic(
+        "S211",
+        "unstable cancellation",
+        "A mode that grows by itself and that the port does not show or reach cancels in the transfer function. It is "
+        "unstable in every network, however passive the loop looks from outside.",
+        "check the signs in F; leave out states that have no effect",
+    ),
+    Diagnostic(
         "S301", "line to nowhere", "Both ends of a line are names of nodes.", "define the node, or mend the name"
     ),
     Diagnostic("S302", "self-loop", "A line joins two different nodes.", "mend `from` or `to`"),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.reader import MAX_BYTES, read_document
-from certify.kernel.spec import Microgrid, decode_document
+from certify.kernel.spec import LinearLoop, Microgrid, decode_document
 
 
 def read(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
@@ -46,6 +47,21 @@ def decode_all(data: bytes) -> Microgrid:
         from certify.simulate.scenario import find_faults
 
         faults += find_faults(document)
+    if grid is not None:
+        faults += _cancellations(grid, document)
     if grid is None or faults:
         raise SpecError(tuple(faults))
     return grid
+
+
+def _cancellations(grid: Microgrid, document: Any) -> Iterator[Fault]:
+    """Faults of linear loops with growing modes that their port does not see: no proof could ever speak of those."""
+    done = set()
+    for node in grid.nodes:
+        if node.dgu and isinstance(node.dgu.controller, LinearLoop) and node.dgu.controller not in done:
+            from certify.search.cancellation import unstable_cancellation
+
+            done.add(node.dgu.controller)
+            found = unstable_cancellation(node.dgu.controller)
+            if found:
+                yield Fault("S211", f"controller.{document['node'][node.name]['dgu']['controller']}", found)

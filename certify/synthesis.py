@@ -15,11 +15,12 @@ from fractions import Fraction
 from typing import Any
 
 from certify.certificate import Certificate, prove
+from certify.editing import edit_spec, insert, parse_toml
 from certify.inputs import decode_all
 from certify.kernel.claims import Context
 from certify.kernel.errors import Fault, RuleFailure, SpecError
 from certify.kernel.model import node_capacitances, to_state_feedback
-from certify.kernel.quantity import NumberText, QuantityError, parse_quantity, shorten
+from certify.kernel.quantity import QuantityError, parse_quantity, shorten
 from certify.kernel.reader import read_document
 from certify.kernel.spec import IdaPbc, Microgrid, StateFeedback
 from certify.search.prove import Progress
@@ -196,81 +197,28 @@ def edited(spec: bytes, edit: Edit) -> bytes:
 
     Raises: SpecError U001 if the file is laid out such that the editor cannot do it.
     """
-    text = spec.decode("utf-8-sig")
-    expected = _apply(read_document(spec), read_document(edit.fragment.encode()), edit)
-    if text.lstrip().startswith("{"):
-        result = _to_json(expected, text)
-    else:
-        import tomlkit
-        from tomlkit.exceptions import TOMLKitError
+    plain, styled = read_document(edit.fragment.encode()), None
 
-        try:
-            document = tomlkit.parse(text)
-            result = tomlkit.dumps(_apply(document, tomlkit.parse(edit.fragment), edit))
-        except (TOMLKitError, TypeError, KeyError, AttributeError):
-            result = ""
-    data = result.encode()
-    try:
-        done = bool(data) and _plain(read_document(data)) == _plain(expected)
-    except SpecError:
-        done = False
-    if not done:
-        message = "the layout of this file cannot be edited: give filters, controllers and nodes as tables, [node.NAME]"
-        raise SpecError((Fault("U001", "", message),))
-    return data
+    def apply(document: Any) -> Any:
+        nonlocal styled
+        if type(document) is dict:
+            return _apply(document, plain, edit)
+        styled = styled or parse_toml(edit.fragment)
+        return _apply(document, styled, edit)
+
+    return edit_spec(spec, apply)
 
 
 def _apply(document: Any, fragment: Any, edit: Edit) -> Any:
     """The edit on a document of any of the parsers used here."""
-    _insert(document["controller"], edit.controller, fragment["controller"][edit.controller])
+    insert(document["controller"], edit.controller, fragment["controller"][edit.controller])
     if edit.copied:
-        _insert(document["filter"], edit.copied, copy.deepcopy(document["filter"][edit.filter]))
+        insert(document["filter"], edit.copied, copy.deepcopy(document["filter"][edit.filter]))
         document["node"][edit.node]["dgu"]["filter"] = edit.copied
     document["node"][edit.node]["dgu"]["controller"] = edit.controller
     if edit.tolerance:
         document = with_tolerance(document, edit.copied or edit.filter, edit.tolerance)
     return document
-
-
-def _insert(parts: Any, name: str, part: Any) -> None:
-    """A part after the others of its kind, in the style of the table that it goes into."""
-    if not isinstance(parts, dict) or type(parts) is dict:
-        parts[name] = part
-        return
-    from tomlkit import inline_table, nl
-    from tomlkit.items import InlineTable, Table
-
-    if isinstance(parts, InlineTable) and isinstance(part, Table):
-        inner = inline_table()
-        inner.update(part.unwrap())
-        part = inner
-    elif isinstance(part, Table) and not part.as_string().endswith("\n\n"):
-        part.add(nl())
-    parts[name] = part
-
-
-def _plain(document: Any) -> Any:
-    """A parsed document with whole numbers as text, as JSON has them."""
-    if isinstance(document, dict):
-        return {key: _plain(value) for key, value in document.items()}
-    if isinstance(document, list):
-        return [_plain(value) for value in document]
-    return str(document) if isinstance(document, int) and not isinstance(document, bool) else document
-
-
-def _to_json(document: Any, like: str) -> str:
-    """JSON with the indentation of `like` and every number as it was written."""
-
-    def marked(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: marked(part) for key, part in value.items()}
-        if isinstance(value, list):
-            return [marked(part) for part in value]
-        return f"\ue000{value}\ue001" if isinstance(value, NumberText) else value
-
-    indent = re.match(r"\s*\{[^\S\n]*\n([ \t]*)", like)
-    text = json.dumps(marked(document), indent=indent[1] if indent else None, ensure_ascii=False)
-    return re.sub('"\ue000([^"]*)\ue001"', r"\1", text) + "\n"
 
 
 def _free_name(wanted: str, taken: Any) -> str:

@@ -38,6 +38,15 @@ class OnePart:
         return compute()
 
 
+def accepted_facts(part: Any, proposal: Proposal) -> tuple[Any, ...] | None:
+    """What the rule tells about a proposal that it accepts, or None."""
+    context: Any = OnePart(part)
+    try:
+        return RULES["dgu", proposal.status, proposal.rule](context, "x", Data(proposal.data))
+    except RuleFailure:
+        return None
+
+
 def accepts(part: LinearPort | tuple[LoadLaw, tuple[Fraction, Fraction]], proposal: Proposal) -> OnePart | None:
     """The context after the rule has accepted the proposal, or None."""
     context: Any = OnePart(part)

@@ -167,11 +167,14 @@ def test_shortage_of_the_printed_decoupling() -> None:
     assert 0.98 * true < facts["no shortage is enough below"] < true * (1 + 1e-6)
 
 
-def with_text(text: str, **replaced: str) -> bytes:
-    for old, new in replaced.values():
-        assert old in text
-        text = text.replace(old, new)
-    return text.encode()
+@pytest.mark.parametrize("seed", [101, 102])
+def test_index_is_within_five_per_cent(seed: int) -> None:
+    """A sample of `tests/campaign_index.py`, from another stream."""
+    from tests.campaign_index import run
+    from tests.index_cases import index_cases
+
+    for result in run(index_cases(6, seed)):
+        assert result.is_right, result
 
 
 def toleranced(share: str) -> bytes:
@@ -258,6 +261,27 @@ def test_bad_tolerances(share: str, code: str, path: str) -> None:
     with pytest.raises(SpecError) as caught:
         decode(toleranced(share))
     assert (code, path) in [(fault.code, fault.path) for fault in caught.value.faults]
+
+
+def test_the_largest_tolerance_is_bracketed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from certify.cli import main
+
+    spec, cert = tmp_path / "new.toml", tmp_path / "new.json"
+    arguments = ["tolerance", "specs/single-inverter.toml", "--of", "filter", "-o", str(spec), "--cert", str(cert)]
+    assert main(arguments) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("CERTIFIED: specs/single-inverter.toml with all filters off by ")
+    low = F_(said.split(" off by ")[1].split(" ")[0]) / 100
+    assert f"not certified with {float(100 * low + F_(1, 10)):g} %" in said
+    assert main(["check", str(spec), str(cert)]) == 0
+    assert load(spec).nodes[0].dgu.filter.tolerance == (low,) * 3  # type: ignore[union-attr]
+    capsys.readouterr()
+    assert main(["tolerance", "specs/negative/lossless.toml"]) == 3
+    assert main(["tolerance", "specs/negative/many-faults.toml"]) == 2
+    assert main(["tolerance", "specs/single-inverter.toml", "--of", "cable"]) == 2
+    assert main(["tolerance", "specs/custom-loop.json", "--of", "filter"]) == 2
+    assert main(["tolerance", "specs/single-inverter.toml", "--cert", str(cert)]) == 2
+    assert "Traceback" not in capsys.readouterr().err
 
 
 def test_tolerances_of_parts() -> None:

@@ -6,12 +6,10 @@ import argparse
 import json
 import sys
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
-from certify.certificate import write_atomically
 from certify.inputs import read
-from certify.kernel.errors import Fault, SpecError
+from certify.report.files import check_targets, write_results
 from certify.report.text import paint, table
 from certify.search.prove import Progress
 from certify.synthesis import SETTLED, Bracket, Synthesis, synthesize
@@ -23,7 +21,7 @@ def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str,
     Raises: SpecError for bad input, or for files that cannot be written; Rejected.
     """
     files = {"spec": options.output, "certificate": options.cert}
-    _check_targets(options)
+    check_targets(options)
     result = synthesize(
         read(options.spec),
         options.node,
@@ -35,42 +33,13 @@ def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str,
         progress=progress,
     )
     if result.met and result.spec is not None and result.certificate is not None:
-        for option, path, data in (
-            ("-o", options.output, result.spec),
-            ("--cert", options.cert, result.certificate.data),
-        ):
-            if path is not None:
-                try:
-                    write_atomically(Path(path), data)
-                except OSError as error:
-                    reason = f"cannot write {path}: {error.strerror}"
-                    raise SpecError((Fault("U001", option, reason),)) from None
+        write_results(options, result.spec, result.certificate.data)
     code = codes["certified" if result.met else "unknown"]
     if options.json:
         print(json.dumps(synthesis_to_dict(result, files, code), indent=1, ensure_ascii=False))
     else:
         print(render_synthesis(result, options.spec, files, sys.stdout.isatty()))
     return code
-
-
-def _check_targets(options: argparse.Namespace) -> None:
-    """Faults of the two output files that can be told before any work is done. Raises: SpecError."""
-    faults = []
-    taken = {Path(options.spec).resolve(): "it is the spec itself"}
-    for option, path in (("-o", options.output), ("--cert", options.cert)):
-        if path is None:
-            continue
-        target = Path(path)
-        reason = taken.get(target.resolve())
-        if target.is_dir() or not target.parent.is_dir():
-            reason = "there is no such folder, or it is a folder itself"
-        if reason:
-            faults.append(Fault("U001", option, f"cannot write {path}: {reason}"))
-        taken[target.resolve()] = "the new spec goes there"
-    if options.cert is not None and options.output is None:
-        faults.append(Fault("U001", "--cert", "a certificate is about the new spec, so it needs -o too"))
-    if faults:
-        raise SpecError(tuple(faults))
 
 
 def render_synthesis(result: Synthesis, spec: str, files: dict[str, str | None], colour: bool = False) -> str:

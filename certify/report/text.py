@@ -73,6 +73,17 @@ def render_verdict(
         lines.append(table((c.status, c.id, c.rule or "-", c.statement) for c in verdict.claims))
     else:
         lines.append(table(_summary(verdict.claims)))
+    lines += open_claims(verdict, notes, colour)
+    if verdict.outcome == "certified":
+        lines += ["", f"proved: {verdict.claims[-1].statement}."]
+    ledger = ", ".join(name for name, _ in verdict.assumptions)
+    lines.append(f"assumed, not proved: {ledger} (`certify explain CERT SPEC` says how)")
+    return "\n".join(lines)
+
+
+def open_claims(verdict: Verdict, notes: dict[str, str], colour: bool = False) -> list[str]:
+    """The claims that are not proved, each with its reason, those about parts first."""
+    lines: list[str] = []
     unsettled = [c for c in verdict.claims if c.status != "proved"]
     parts = [c for c in unsettled if c.id.split("/")[0] not in ("invariant-set", "microgrid")]
     following = [c.id for c in unsettled if c not in parts] if parts else []
@@ -84,11 +95,7 @@ def render_verdict(
     if following:
         more = f" and {len(following) - 4} more" if len(following) > 4 else ""
         lines += ["", f"not decided because of the above: {', '.join(following[-4:])}{more}"]
-    if verdict.outcome == "certified":
-        lines += ["", f"proved: {verdict.claims[-1].statement}."]
-    ledger = ", ".join(name for name, _ in verdict.assumptions)
-    lines.append(f"assumed, not proved: {ledger} (`certify explain CERT SPEC` says how)")
-    return "\n".join(lines)
+    return lines
 
 
 def _summary(claims: tuple[Claim, ...]) -> list[tuple[str, ...]]:

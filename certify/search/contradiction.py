@@ -41,7 +41,7 @@ def find_unreached_mode(port: LinearPort) -> dict[str, Any] | None:
     """
     F, B, C = (exact.to_flint(a) for a in (port.F, port.B, port.C))
     n = F.nrows()
-    reached = _spanned_by(F, B)
+    reached = exact.spanned(F, B)
     k = reached.ncols()
     if k == n:
         return None
@@ -125,16 +125,6 @@ def _ratio(A: Exact, G: Exact, D: Exact) -> Any:
     largest = [max(abs(x) for x in a.entries()) for a in (D.inv() * A * D, D.inv() * G)]
     ratio = round_float(float(exact.to_fraction(largest[0]) / exact.to_fraction(largest[1])), 3)
     return fmpq(ratio.numerator, ratio.denominator)
-
-
-def _spanned_by(F: Exact, B: Exact) -> Exact:
-    """A basis (columns) of the states that the inputs reach."""
-    found = exact.independent(B)
-    while True:
-        grown = exact.independent(exact.block([[found, F * found]]))
-        if grown.ncols() == found.ncols():
-            return found
-        found = grown
 
 
 def _linear_map(n: int, k: int, image: Any) -> Exact:

@@ -95,6 +95,16 @@ def independent(a: Exact) -> Exact:
     return columns(a, [next(j for j in range(a.ncols()) if rows[i][j] != 0) for i in range(rank)])
 
 
+def spanned(F: Exact, B: Exact) -> Exact:
+    """A basis (columns) of the smallest F-invariant subspace that contains the columns of B."""
+    found = independent(B)
+    while True:
+        grown = independent(block([[found, F * found]]))
+        if grown.ncols() == found.ncols():
+            return found
+        found = grown
+
+
 def solve_columns(V: Exact, right: Exact) -> Exact:
     """The A with V A = right, for independent columns V whose span contains those of `right`."""
     return (V.transpose() * V).solve(V.transpose() * right)

@@ -40,7 +40,7 @@ def find_solution(reduced: Reduced, storage: Callable[[Exact], Matrix], accept: 
     """
 
     def shortest(X: Exact, digits: Iterable[int], scales: list[Fraction] | None = None) -> Matrix | None:
-        if not looks_definite(storage(X)):
+        if not looks_definite(exact.from_flint(reduced.storage(X))):
             return None
         candidates = (storage(rounded(X, count, scales)) for count in digits)
         return next((P for P in candidates if accept(P)), None)

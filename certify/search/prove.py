@@ -9,7 +9,8 @@ from typing import Any
 from certify.kernel.check import proof_key
 from certify.kernel.claims import Context, assumptions, but_for_a_shortage, overall, statements
 from certify.kernel.errors import RuleFailure
-from certify.kernel.proofs import RULES, Data
+from certify.kernel.proofs import RULES, Data, least_resistance
+from certify.kernel.rules import lipschitz_bound
 from certify.kernel.spec import Microgrid
 from certify.search.dgu import propose_dgu
 from certify.search.loads import propose_load
@@ -27,9 +28,12 @@ REASONS = {
 Progress = Callable[[int, int], None]
 
 
-def find_claims(grid: Microgrid, progress: Progress | None = None) -> dict[str, Any]:
-    """The claims, proofs, ledger and verdict for a microgrid, as a certificate holds them; and notes on open claims."""
-    search = Search(grid)
+def find_claims(grid: Microgrid, progress: Progress | None = None, refute: bool = True) -> dict[str, Any]:
+    """The claims, proofs, ledger and verdict for a microgrid, as a certificate holds them; and notes on open claims.
+
+    Without `refute` no time is spent on why a DGU with tolerances has no proof.
+    """
+    search = Search(grid, refute)
     for count, name in enumerate(search.expected):
         search.decide(name)
         if progress:
@@ -44,7 +48,8 @@ class Search:
     claim about its island follows from it; otherwise the refutation of its passivity is what one should know.
     """
 
-    def __init__(self, grid: Microgrid) -> None:
+    def __init__(self, grid: Microgrid, refute: bool = True) -> None:
+        self.refute = refute
         self.context = Context(grid)
         self.expected = statements(self.context)
         self.known: dict[Any, Proposal | None] = {}
@@ -124,7 +129,7 @@ class Search:
         found = None if len(self.context.corners(node)) > 1 else self._passivity(node)
         if found and found.status == "proved":
             return found
-        return self._index(node) or found or self._passivity(node)
+        return self._index(node) or found or (self._passivity(node) if self.refute else None)
 
     def _passivity(self, node: str) -> Proposal | None:
         """EIP, or why not: with tolerances, at the corner where most is missing."""
@@ -164,15 +169,33 @@ class Search:
 
     def _give_up_shortages(self, island: tuple[str, ...]) -> None:
         """Of DGUs whose shortage is of no use, say that they are not passive - where that is refuted."""
-        for node in island:
-            if node in self.context.shortages:
-                shortage, storage = self.context.shortages.pop(node), self.context.storages.pop(node)
-                found = self._passivity(node)
-                if found is None:
-                    self.context.shortages[node], self.context.storages[node] = shortage, storage
-                else:
-                    self._settle(f"dgu/{node}", found)
-                    self.notes[f"dgu/{node}"] = "P207"
+        context, status = self.context, self.context.status
+        short = [node for node in island if node in context.shortages]
+        useless = [node for node in short if self._is_large(node)]
+        others = (f"load/{node}" for node in island if context.nodes[node].band_volt)
+        dgus = (f"dgu/{node}" for node in island if context.nodes[node].dgu)
+        if not useless and all(status[claim] == "proved" for claim in (*others, *dgus)):
+            useless = short  # what remains is that the lines do not make up for all of them together
+        for node in useless if self.refute else ():
+            shortage, storage = self.context.shortages.pop(node), self.context.storages.pop(node)
+            found = self._passivity(node)
+            if found is None:
+                self.context.shortages[node], self.context.storages[node] = shortage, storage
+            else:
+                self._settle(f"dgu/{node}", found)
+                self.notes[f"dgu/{node}"] = "P207"
+
+    def _is_large(self, node: str) -> bool:
+        """Whether the shortage of this DGU is too much for the load there, or for its half of some line."""
+        context = self.context
+        shortage = context.shortages[node]
+        branches = [line.branch for line in context.lines_at[node]] + list(context.nodes[node].branches)
+        least = min((least_resistance(branch) for branch in branches), default=None)
+        if least is not None and 2 * shortage * len(branches) >= least:
+            return True
+        if context.nodes[node].band_volt is None or context.status[f"load/{node}"] != "proved":
+            return False
+        return context.moduli.get(node, 0) <= 2 * shortage * lipschitz_bound(*context.law(node)) ** 2
 
     def _pins(self, island: tuple[str, ...]) -> Iterator[Proposal]:
         """Where V~ = 0 may follow: a strictly monotone load, a series branch, then the DGUs."""

@@ -1,0 +1,91 @@
+"""Editing the text of a spec: TOML keeps its comments and order (tomlkit), JSON its indentation and its numbers.
+
+Whatever the editing has done, the new text is parsed again and compared with what it should say.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from typing import Any
+
+from certify.kernel.errors import Fault, SpecError
+from certify.kernel.quantity import NumberText
+from certify.kernel.reader import read_document
+
+
+def parse_toml(text: str) -> Any:
+    """A document of tomlkit, which remembers how it was written."""
+    import tomlkit
+
+    return tomlkit.parse(text)
+
+
+def edit_spec(spec: bytes, change: Callable[[Any], Any]) -> bytes:
+    """The text after `change`, which edits a document in place and returns it; it is called for each kind of document.
+
+    Raises: SpecError U001 if the file is laid out such that the editor cannot do it.
+    """
+    text = spec.decode("utf-8-sig")
+    expected = change(read_document(spec))
+    if text.lstrip().startswith("{"):
+        result = to_json(expected, text)
+    else:
+        import tomlkit
+        from tomlkit.exceptions import TOMLKitError
+
+        try:
+            result = tomlkit.dumps(change(tomlkit.parse(text)))
+        except (TOMLKitError, TypeError, KeyError, AttributeError):
+            result = ""
+    data = result.encode()
+    try:
+        done = bool(data) and _plain(read_document(data)) == _plain(expected)
+    except SpecError:
+        done = False
+    if not done:
+        message = "the layout of this file cannot be edited: give filters, controllers and nodes as tables, [node.NAME]"
+        raise SpecError((Fault("U001", "", message),))
+    return data
+
+
+def insert(parts: Any, name: str, part: Any) -> None:
+    """A part after the others of its kind, in the style of the table that it goes into."""
+    if not isinstance(parts, dict) or type(parts) is dict:
+        parts[name] = part
+        return
+    from tomlkit import inline_table, nl
+    from tomlkit.items import InlineTable, Table
+
+    if isinstance(parts, InlineTable) and isinstance(part, Table):
+        inner = inline_table()
+        inner.update(part.unwrap())
+        part = inner
+    elif isinstance(part, Table) and not part.as_string().endswith("\n\n"):
+        part.add(nl())
+    parts[name] = part
+
+
+def _plain(document: Any) -> Any:
+    """A parsed document with whole numbers as text, as JSON has them."""
+    if isinstance(document, dict):
+        return {key: _plain(value) for key, value in document.items()}
+    if isinstance(document, list):
+        return [_plain(value) for value in document]
+    return str(document) if isinstance(document, int) and not isinstance(document, bool) else document
+
+
+def to_json(document: Any, like: str) -> str:
+    """JSON with the indentation of `like` and every number as it was written."""
+
+    def marked(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: marked(part) for key, part in value.items()}
+        if isinstance(value, list):
+            return [marked(part) for part in value]
+        return f"\ue000{value}\ue001" if isinstance(value, NumberText) else value
+
+    indent = re.match(r"\s*\{[^\S\n]*\n([ \t]*)", like)
+    text = json.dumps(marked(document), indent=indent[1] if indent else None, ensure_ascii=False)
+    return re.sub('"\ue000([^"]*)\ue001"', r"\1", text) + "\n"

@@ -1,0 +1,119 @@
+"""The largest tolerance with which a microgrid is still certified: bracketed, and proved at the lower end."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from certify.certificate import Certificate, prove
+from certify.editing import edit_spec, to_json
+from certify.inputs import decode_all
+from certify.kernel.errors import Fault, SpecError
+from certify.kernel.reader import read_document
+
+PARTS = ("filter", "line", "load")
+STEP = Fraction(1, 1000)  # the width of the bracket
+
+
+@dataclass(frozen=True)
+class LargestTolerance:
+    """`low` is proved: `certificate` is that of `spec`, which has it. `high` is not: `failing` is its certificate.
+
+    Shares of the values, 0 <= low < high <= 1; at 1 a box would contain zero. `low` is None if the spec is not
+    certified without any tolerance.
+    """
+
+    of: tuple[str, ...]
+    low: Fraction | None
+    high: Fraction
+    spec: bytes
+    certificate: Certificate
+    failing: Certificate | None
+
+
+def largest_tolerance(
+    spec: bytes, of: tuple[str, ...] = PARTS, progress: Callable[[int, int], None] | None = None
+) -> LargestTolerance:
+    """Bisect the share by which all R, L, C of filters and lines and all coefficients of loads may be off at once.
+
+    `of` names the kinds of parts that it is asked of; parts with a tolerance of their own keep that. Bisection needs
+    about ten proofs.
+    Raises: SpecError if the spec is not well formed, or no part takes a tolerance from it.
+
+    >>> import certify
+    >>> found = certify.largest_tolerance(certify.read("specs/single-inverter.toml"), ("filter",))
+    >>> found.low is not None and found.low > 0
+    True
+    """
+    decode_all(spec)
+    document = read_document(spec)
+    _require_parts(document, of)
+
+    def trial(share: Fraction, refute: bool = False) -> Certificate:
+        text = to_json(with_tolerance(copy.deepcopy(document), of, share), "{").encode()
+        return prove(text, refute=refute)
+
+    steps = int(1 / STEP)
+    low, high = 0, steps
+    proofs = 0
+
+    def certified(step: int) -> tuple[bool, Certificate]:
+        nonlocal proofs
+        result = trial(step * STEP)
+        proofs += 1
+        if progress:
+            progress(min(proofs, 12), 12)
+        return result.verdict.outcome == "certified", result
+
+    holds, found = certified(0)
+    if not holds:
+        return LargestTolerance(of, None, STEP, spec, found, found)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if certified(middle)[0] else (low, middle)
+    failing = trial(high * STEP, refute=True) if high < steps else None
+    text = edit_spec(spec, lambda document: with_tolerance(document, of, low * STEP))
+    return LargestTolerance(of, low * STEP, high * STEP, text, prove(text), failing)
+
+
+def with_tolerance(document: Any, of: tuple[str, ...], share: Fraction) -> Any:
+    """The document with a common tolerance for these kinds of parts; for other kinds it stays as it is."""
+    before = document.get("tolerance", {})
+    common = dict(before) if isinstance(before, dict) else dict.fromkeys(PARTS, before)
+    common |= dict.fromkeys(of, to_percent(share))
+    if type(document) is dict:
+        document["tolerance"] = common
+        return document
+    from tomlkit import inline_table
+
+    table = inline_table()
+    table.update(common)
+    if "tolerance" in document:
+        document["tolerance"] = table
+    else:  # before the first table, where it belongs
+        document.update({"tolerance": table})
+    return document
+
+
+def to_percent(share: Fraction) -> str:
+    """As the spec writes it.
+
+    >>> to_percent(Fraction(123, 1000))
+    '12.3 %'
+    """
+    tenths = share * 1000
+    whole, rest = divmod(int(tenths), 10)
+    return f"{whole}.{rest} %" if rest else f"{whole} %"
+
+
+def _require_parts(document: Any, of: tuple[str, ...]) -> None:
+    """Raises: SpecError if `of` is empty or names a kind that there is not."""
+    unknown = [kind for kind in of if kind not in PARTS]
+    if unknown or not of:
+        message = f"expected some of {', '.join(PARTS)}, got {', '.join(unknown) or 'nothing'}"
+        raise SpecError((Fault("U001", "--of", message),))
+    if of == ("filter",) and not document.get("filter"):
+        raise SpecError((Fault("U001", "--of", "the spec has no filter that could have a tolerance"),))
