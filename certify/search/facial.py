@@ -8,6 +8,7 @@ higher rank.
 
 from __future__ import annotations
 
+import random
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -16,6 +17,8 @@ from certify.kernel.linalg import Matrix, Vector, ldl_pivots
 from certify.kernel.model import LinearPort
 from certify.search import exact
 from certify.search.exact import Exact
+
+SAMPLES = 3
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,8 @@ class Family:
         self.obstacle: tuple[bool, Vector] | None = None  # of storage or not, and the direction
         self.crosses = False  # set if some frequency shows that no storage matrix is left
         self.point: Exact | None = None
-        self.directions: list[Exact] = []
+        self.free: list[int] = []  # entries of P that the equations leave free
+        self.samples: list[Exact] = []  # combinations of the directions at random: what holds for them holds for all
         # What is left of the equations: rows of a reduced echelon form, the right side last.
         self.reduced = exact.to_flint((), len(self.index) + 1)
         self._impose([(self.B, self.C.transpose())])
@@ -78,13 +82,29 @@ class Family:
         rows = echelon.tolist()[:rank]
         self.reduced = fmpq_mat(rank, size + 1, [x for row in rows for x in row])
         pivots = [next(j for j in range(size + 1) if row[j] != 0) for row in rows]
-        self.point, self.directions = None, []
+        self.point, self.samples, self.free = None, [], []
         if size in pivots:
             return
-        free = [j for j in range(size) if j not in set(pivots)]
+        self.free = [j for j in range(size) if j not in set(pivots)]
+        self.rows, self.pivots = rows, pivots
         self.point = self._matrix({p: row[size] for p, row in zip(pivots, rows, strict=True)})
-        for j in free:
-            self.directions.append(self._matrix({j: 1, **{p: -row[j] for p, row in zip(pivots, rows, strict=True)}}))
+        rng = random.Random(size)  # a fixed stream: the search is deterministic
+        for _ in range(SAMPLES if self.free else 0):
+            self.samples.append(self._direction({j: rng.randint(-99, 99) for j in self.free}))
+
+    def _direction(self, values: dict[int, int]) -> Exact:
+        """The member of the family, less the point, with these free entries."""
+        chosen = values.items()
+        rest = {
+            p: -sum((row[j] * x for j, x in chosen if row[j] != 0), 0)
+            for p, row in zip(self.pivots, self.rows, strict=True)
+        }
+        return self._matrix({**values, **rest})
+
+    @property
+    def directions(self) -> list[Exact]:
+        """A basis: the family is the point plus any combination of these."""
+        return [self._direction({j: 1}) for j in self.free]
 
     def _matrix(self, entries: dict[int, object]) -> Exact:
         from flint import fmpq_mat
@@ -103,10 +123,10 @@ class Family:
 
         if self.point is None:
             raise ValueError("the family is empty")
-        if not self.directions:
+        if not self.free:
             return exact.identity(self.n), self.point
-        flat = [x for D in self.directions for x in D.entries()]
-        K = exact.null_space(fmpq_mat(self.n * len(self.directions), self.n, flat))
+        flat = [x for D in self.samples for x in D.entries()]
+        K = exact.null_space(fmpq_mat(self.n * len(self.samples), self.n, flat))
         return K, self.point * K
 
     def reduce_known(self) -> bool:
@@ -131,7 +151,7 @@ class Family:
         """
         if self.point is None:
             return False
-        members = [self.point, *self.directions]
+        members = [self.point, *self.samples]
         images = [P * U if of_storage else self.dissipation(P) * U for P in members]
         fresh = [j for j in range(U.ncols()) if any(image[i, j] != 0 for image in images for i in range(self.n))]
         if not fresh:
@@ -158,7 +178,7 @@ class Family:
         if self.point is None:
             return False
         rest = self.n - self.known()[0].ncols()
-        return bool(len(self.directions) == rest * (rest + 1) // 2)
+        return bool(len(self.free) == rest * (rest + 1) // 2)
 
 
 def find_negative_direction(A: Matrix) -> Vector | None:

@@ -16,9 +16,7 @@ from typing import Any
 
 from flint import fmpq
 
-from certify.kernel.errors import RuleFailure
 from certify.kernel.model import LinearPort
-from certify.kernel.rules import frequency_witness
 from certify.search import exact
 from certify.search.exact import Exact, to_fraction
 from certify.search.roots import round_to_digits, square_root
@@ -78,11 +76,9 @@ class Response:
         if form is None or is_semidefinite(form):
             return None
         for u in _directions(form):
-            if power_of(form, u) < 0:
-                try:
-                    return Witness(s0, u, frequency_witness(self.port, s0, u))
-                except RuleFailure:
-                    continue
+            power = power_of(form, u)
+            if power < 0:
+                return Witness(s0, u, power)
         return None
 
 

@@ -7,7 +7,7 @@ States are balanced and time is scaled before a solver sees numbers; what it can
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from itertools import chain
 from typing import Any
@@ -16,6 +16,7 @@ from certify.kernel.linalg import Matrix
 from certify.search import exact
 from certify.search.exact import Exact
 from certify.search.facial import Family
+from certify.search.solvers import BOUNDS
 from certify.search.spectral import Reduced, Riccati, riccati_candidates
 
 ROUNDINGS = (3, 6, 10, 14)  # decimal digits kept of a solver's point, the fewest first: short certificates
@@ -45,15 +46,17 @@ def find_solution(reduced: Reduced, storage: Callable[[Exact], Matrix], accept: 
         candidates = (storage(rounded(X, count, scales)) for count in digits)
         return next((P for P in candidates if accept(P)), None)
 
-    def solver_points(second_opinion: bool) -> Iterator[Matrix | None]:
-        for X, scales in balanced_candidates(reduced, second_opinion):
+    def solver_points(bounds: Sequence[float], second_opinion: bool = False) -> Iterator[Matrix | None]:
+        for X, scales in balanced_candidates(reduced, bounds, second_opinion):
             yield shortest(X, ROUNDINGS, scales)
 
     def precise_points() -> Iterator[Matrix | None]:
         for X in riccati_candidates(reduced.riccati):
             yield shortest(X, LONG_ROUNDINGS) if accept(storage(X)) else None
 
-    results = chain(solver_points(False), precise_points(), solver_points(True))
+    results = chain(
+        solver_points(BOUNDS[:1]), precise_points(), solver_points(BOUNDS[1:]), solver_points(BOUNDS[1:2], True)
+    )
     return next((P for P in results if P is not None), None)
 
 
@@ -127,7 +130,9 @@ def balance(riccati: Riccati) -> list[Fraction]:
     return [Fraction(2) ** e for e in exponents]
 
 
-def balanced_candidates(reduced: Reduced, second_opinion: bool = False) -> Iterator[tuple[Exact, list[Fraction]]]:
+def balanced_candidates(
+    reduced: Reduced, bounds: Sequence[float], second_opinion: bool = False
+) -> Iterator[tuple[Exact, list[Fraction]]]:
     """Points of a solver for [[N, -(G'X + S)], [., -(A'X + XA + Q)]] >= 0 and P > 0, with the scales of the states."""
     import numpy
 
@@ -163,7 +168,7 @@ def balanced_candidates(reduced: Reduced, second_opinion: bool = False) -> Itera
         coefficients[:, :w, w:], coefficients[:, w:, :w] = cross, cross.transpose(0, 2, 1)
         constant[:w, w:], constant[w:, :w] = -S, -S.T
     blocks = [Block(constant, coefficients), Block(-floor, units)]
-    for point in largest_margin(blocks, second_opinion):
+    for point in largest_margin(blocks, bounds, second_opinion):
         X = numpy.einsum("k,kij->ij", point[:-1], units)
         exact_X = exact.to_flint([[Fraction(float(x)) for x in row] for row in X])
         yield inverse * exact_X * inverse, d
@@ -173,7 +178,7 @@ def solve_family(family: Family, accept: Accept) -> Matrix | None:
     """A storage matrix of a family with equations between its unknowns, or None."""
     if family.point is None:
         return None
-    if not family.directions:
+    if not family.free:
         P = exact.from_flint(family.point)
         return P if accept(P) else None
     for P in chain(_along_lossless_directions(family), _coordinates(family)):
@@ -204,7 +209,8 @@ def _coordinates(family: Family) -> Iterator[Exact]:
 
     from certify.search.solvers import Block, largest_margin
 
-    parts = [family.point, *family.directions]
+    directions = family.directions
+    parts = [family.point, *directions]
     try:
         storages = [to_float(P) for P in parts]
         losses = [to_float(family.dissipation(P)) for P in parts]
@@ -227,10 +233,10 @@ def _coordinates(family: Family) -> Iterator[Exact]:
         Block(values[0], numpy.array([a / u for a, u in zip(values[1:], unit, strict=True)]))
         for values in ([storages, losses] if len(keep) else [storages])
     ]
-    for point in chain(largest_margin(blocks), largest_margin(blocks, second_opinion=True)):
+    for point in chain(largest_margin(blocks), largest_margin(blocks, BOUNDS[1:2], second_opinion=True)):
         for digits in ROUNDINGS:
             P = family.point
-            for value, u, direction in zip(point[:-1], unit, family.directions, strict=True):
+            for value, u, direction in zip(point[:-1], unit, directions, strict=True):
                 P = P + direction * exact.to_flint([[round_float(float(value) / u, digits)]])[0, 0]
             yield P
 

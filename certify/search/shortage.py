@@ -13,7 +13,7 @@ from flint import fmpq_mat
 from certify.kernel.errors import RuleFailure
 from certify.kernel.linalg import Matrix
 from certify.kernel.model import LinearPort
-from certify.kernel.rules import frequency_witness, index_storage, storage_at
+from certify.kernel.rules import index_storage, storage_at
 from certify.search import exact
 from certify.search.dgu import refutation, witness_data
 from certify.search.exact import Exact
@@ -27,6 +27,7 @@ from certify.search.frequency import (
     is_semidefinite,
     level_hamiltonian,
     poles_of,
+    power_of,
     worst_frequencies,
 )
 from certify.search.lmi import LONG_ROUNDINGS, ROUNDINGS, find_solution, round_float, to_float
@@ -118,10 +119,9 @@ def _strongest_at(response: Response, s0: tuple[Fraction, Fraction]) -> Witness 
     else:
         directions = [(one, z) for z in _rounded((-x / (c - value), y / (c - value)))]
     for u in directions:
-        try:
-            return Witness(s0, u, frequency_witness(response.port, s0, u))
-        except RuleFailure:
-            continue
+        power = power_of(form, u)
+        if power < 0:
+            return Witness(s0, u, power)
     return None
 
 

@@ -43,7 +43,9 @@ class Block:
 BOUNDS = (1e3, 1e6, 1e9)  # on scaled unknowns; no single one suits all
 
 
-def largest_margin(blocks: Sequence[Block], second_opinion: bool = False) -> Iterator[Any]:
+def largest_margin(
+    blocks: Sequence[Block], bounds: Sequence[float] = BOUNDS, second_opinion: bool = False
+) -> Iterator[Any]:
     """Points x with |x_k| <= a bound and a large common margin <= 1: from Clarabel, or, on request, from SCS.
 
     Shape: (variables + 1,), the margin last.
@@ -51,7 +53,7 @@ def largest_margin(blocks: Sequence[Block], second_opinion: bool = False) -> Ite
     variables = len(blocks[0].coefficients)
     cost = _unit(variables + 1, variables, -1.0)
     widened = [_with_margin(block) for block in blocks]
-    for bound in BOUNDS[1:2] if second_opinion else BOUNDS:
+    for bound in bounds:
         point = minimise(cost, widened, bound, 1.0, second_opinion)
         if point is not None and point[-1] > 0:
             yield point
