@@ -53,6 +53,7 @@ class Search:
         self.context = Context(grid)
         self.expected = statements(self.context)
         self.known: dict[Any, Proposal | None] = {}
+        self.boxes: dict[Any, Proposal] = {}  # by filter and controller
         self.accepted: dict[str, Proposal | None] = {}
         self.notes: dict[str, str] = {}
 
@@ -146,19 +147,26 @@ class Search:
         return self._first("dgu", node, (content, "corners"), refutations)
 
     def _index(self, node: str) -> Proposal | None:
+        """Passivity but for a shortage, as small as can be; with tolerances, for the whole box."""
         corners = self.context.corners(node)
         smallest = self._small_shortage(node)
+        dgu = self.context.nodes[node].dgu
+        design = (dgu.filter, dgu.controller) if dgu else None
 
         def proposals() -> Iterator[Proposal]:
             from certify.search.shortage import propose_box, propose_index
 
             if len(corners) == 1:
-                yield from propose_index(self.context.port(node))
+                yield from propose_index(self.context.port(node), smallest)
             elif self.context.port(node).capacitance_farad is not None:
+                again = self.boxes.get(design)  # often the storage of a DGU that differs in its lines only
+                yield from [again] if again else []
                 yield from propose_box([self.context.port(node, signs) for signs in corners], smallest)
 
-        content = (self.context.key(node), "index", smallest if len(corners) > 1 else None)
-        return self._first("dgu", node, content, proposals)
+        found = self._first("dgu", node, (self.context.key(node), "index", smallest), proposals)
+        if found and len(corners) > 1:
+            self.boxes[design] = found
+        return found
 
     def _small_shortage(self, node: str) -> Fraction:
         """A shortage in ohm that is small beside the resistances of the lines and branches there; a power of ten."""

@@ -137,11 +137,19 @@ def _per_squared_current(witness: Witness) -> Fraction:
 # --- storage functions ----------------------------------------------------------------------------------------
 
 
-def propose_index(port: LinearPort) -> Iterator[Proposal]:
-    """The index of a port without tolerances, within a few per cent of the true shortage."""
+def propose_index(port: LinearPort, smallest: Fraction | None = None) -> Iterator[Proposal]:
+    """The index of a port without tolerances, within a few per cent of the true shortage.
+
+    A stable port that is short of nothing may lack a definite storage function all the same, for a state that its
+    output does not show; with the shortage `smallest` it has one.
+    """
     response = Response.of(port)
     shortage = find_shortage(response)
     if shortage is None:
+        if smallest is not None and all(x < 0 for x, _ in poles_of(response.F)):
+            P0 = find_index_storage(response, smallest)
+            if P0 is not None:
+                yield Proposal("proved", "index-storage", {"shortage": str(smallest), "storage": to_rows(P0)})
         return
     for factor in (Fraction(101, 100), Fraction(102, 100), Fraction(3, 2)):
         level = round_to_digits(shortage.level * factor, 3)
