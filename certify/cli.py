@@ -104,8 +104,6 @@ def build_parser() -> argparse.ArgumentParser:
         "--tolerance", metavar="SHARE", help='certify with such an error of the filter\'s R, L and C, e.g. "5 %%"'
     )
     synth.add_argument("--kind", default="pi", help="pi (state feedback, the default) or ida-pbc")
-    synth.add_argument("-o", "--output", metavar="OUT_SPEC", help="where to write the new spec, if it is certified")
-    synth.add_argument("--cert", metavar="CERT", help="where to write the certificate of the new spec; needs -o")
 
     tolerance = command(
         "tolerance",
@@ -120,8 +118,9 @@ def build_parser() -> argparse.ArgumentParser:
         help="which parts may be off, all at once and each on its own: some of filter,line,load (default: all); "
         "parts with a tolerance of their own keep it",
     )
-    tolerance.add_argument("-o", "--output", metavar="OUT_SPEC", help="where to write the spec with that tolerance")
-    tolerance.add_argument("--cert", metavar="CERT", help="where to write its certificate; needs -o")
+    for sub in (synth, tolerance):
+        sub.add_argument("-o", "--output", metavar="OUT_SPEC", help="where to write the new spec, if it is certified")
+        sub.add_argument("--cert", metavar="CERT", help="where to write the certificate of the new spec; needs -o")
     return parser
 
 
@@ -294,18 +293,17 @@ def run_explain(options: argparse.Namespace) -> int:
 def run_synth(options: argparse.Namespace) -> int:
     from certify.report.synthesis import run
 
-    try:
-        with _progress(f"proving {options.spec}") as progress:
-            return run(options, progress, EXIT_CODES)
-    except SpecError as error:
-        return _bad_input(options, error.faults)
-    except Rejected as rejection:
-        return _rejected(options, rejection)
+    return _designed(options, run)
 
 
 def run_tolerance(options: argparse.Namespace) -> int:
     from certify.report.tolerance import run
 
+    return _designed(options, run)
+
+
+def _designed(options: argparse.Namespace, run: Callable[[argparse.Namespace, Any, dict[str, int]], int]) -> int:
+    """A command that makes a new spec out of one: it proves more than once, and reports for itself."""
     try:
         with _progress(f"proving {options.spec}") as progress:
             return run(options, progress, EXIT_CODES)

@@ -189,7 +189,12 @@ def test_a_search_that_offers_nonsense_is_never_believed(monkeypatch: pytest.Mon
             Proposal("refuted", "frequency-witness", {"s0": "1 1", "u": ["1 0", "0 0"]}),
         ]
 
+    def index_nonsense(*_: object) -> list[Proposal]:
+        data = {"shortage": "1/1000", "storage": ["1 0 0 0 0 0"] * 6}
+        return [Proposal("proved", "index-storage", data), Proposal("proved", "index-storage", {"shortage": "1"})]
+
     monkeypatch.setattr("certify.search.prove.propose_dgu", nonsense)
+    monkeypatch.setattr("certify.search.shortage.propose_index", index_nonsense)
     verdict = prove(Path(CIGRE).read_bytes()).verdict
     assert {c.status for c in verdict.claims if c.id.startswith("dgu/")} == {"unknown"}
 

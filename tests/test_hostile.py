@@ -8,15 +8,21 @@ import os
 import subprocess
 import sys
 import time
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from certify.certificate import prove, to_canonical_json
+from certify.inputs import load
 from certify.kernel.check import check, proof_key
-from certify.kernel.errors import Rejected, SpecError
+from certify.kernel.claims import Context
+from certify.kernel.errors import Rejected, RuleFailure, SpecError
+from certify.kernel.model import LoadLaw, PowerTerm
+from certify.kernel.proofs import RULES, Data
 from certify.kernel.spec import decode
+from tests.accept import OnePart
 from tests.conftest import ROOT
 
 HEAD: dict[str, Any] = {"format": "certify/microgrid@1", "frequency": 50}
@@ -133,9 +139,34 @@ def test_certificates_with_endless_numbers_are_rejected_quickly() -> None:
 def test_enclosures_with_endless_precision_are_rejected_quickly() -> None:
     points = " ".join(str(320 + k) for k in range(161))
     for bits in ("2500", "1", "-5", "129/2", "999999999"):
-        rejected(forged("two-inverters.toml", "load/b", {"points": points, "bits": bits}), "absurd")
+        rejected(forged("two-inverters.toml", "load/b", {"points": points, "bits": bits}), "absurd|too many points")
     many = "320 " + " ".join(f"{32000 + k}/100" for k in range(1, 16000) if k % 2 and k % 5) + " 480"
-    rejected(forged("two-inverters.toml", "load/b", {"points": many, "bits": "400"}), "absurd")
+    rejected(forged("two-inverters.toml", "load/b", {"points": many, "bits": "400"}), "too many points")
+
+
+@pytest.mark.parametrize("junk", [[], "junk", None, True, 7, [{"a": ["x"]}], {"modulus": "0"}, {"modulus": "-1"}])
+def test_a_proof_without_data_is_an_empty_table(junk: object) -> None:
+    """Anything but a table was once read as an empty one."""
+    pair = forged("wrong-inductance.toml", "load/a", junk, rule="monotone-polynomial")  # type: ignore[arg-type]
+    rejected(pair, "a proof is a table|the modulus is not positive|the proof needs|expected text")
+
+
+def test_boxes_do_not_multiply_the_cost_without_bound() -> None:
+    """Corners times long numbers once kept the checker busy for minutes, from a spec of one kilobyte."""
+    long = Fraction(10**100 + 1, 3 * 10**99)
+    terms = tuple(PowerTerm(-long, Fraction(1), Fraction(e), Fraction(1, 7)) for e in range(12, 6, -1))
+    law = (LoadLaw((PowerTerm(long, Fraction(1), Fraction(2)),), terms), (Fraction(1), Fraction(2)))
+    handler = RULES["load", "proved", "monotone-polynomial"]
+    with pytest.raises(RuleFailure, match="too many corners"):
+        handler(OnePart(law), "x", Data({}))  # type: ignore[arg-type]
+    points = " ".join(str(Fraction(100 + k, 100)) for k in range(101))
+    with pytest.raises(RuleFailure, match="too many points, bits or corners"):
+        RULES["load", "proved", "monotone-enclosure"](OnePart(law), "x", Data({"points": points, "bits": "64"}))  # type: ignore[arg-type]
+    port = Context(load("specs/cigre-mv.toml")).port("1")
+    rows = [" ".join(["1" + "0" * 990] * 6)] * 6
+    rows = [row.replace(" ", " " + "3" * 300 + "/7 ") for row in rows] * 2
+    with pytest.raises(RuleFailure, match="too many digits"):
+        RULES["dgu", "proved", "index-storage"](OnePart(port), "x", Data({"shortage": "1", "storage": rows}))  # type: ignore[arg-type]
 
 
 def test_precision_is_checked_for_each_of_equal_loads() -> None:

@@ -82,7 +82,7 @@ def test_the_printed_gains_get_another_voltage_gain() -> None:
     [
         ("../wrong-inductance", 0.5),
         ("wrong-frequency", 300),
-        ("tiny-asymmetry", 0.001),
+        ("../tiny-asymmetry", 0.001),
         ("integral-law-as-printed", 1),
         ("positive-damping-sign", 101),
     ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import random
 from fractions import Fraction
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from certify.kernel.check import check
 from certify.kernel.claims import Context
 from certify.kernel.errors import Rejected, RuleFailure, SpecError
 from certify.kernel.linalg import to_matrix
-from certify.kernel.model import LinearPort, LoadLaw, PowerTerm, law_corners
+from certify.kernel.model import LinearPort, LoadLaw, PowerTerm, law_at, law_corners
 from certify.kernel.proofs import RULES, Data
 from certify.kernel.spec import decode
 from certify.search.frequency import Response
@@ -113,13 +114,40 @@ def test_lipschitz_bound_holds_on_the_annulus(seed: int) -> None:
     rng = random.Random(seed)
     law, band = random_law(rng), (F_(rng.randint(5, 12), 10), F_(rng.randint(13, 30), 10))
     bound = float(rules.lipschitz_bound(law, band))
-    corners = [corner for _, corner in law_corners(law)]
+    every = product(*("-+" if term.spread else "0" for term in (*law.active, *law.reactive)))
+    corners = [law_at(law, "".join(signs)) for signs in every]
     for _ in range(300):
         moduli = [rng.uniform(*map(float, band)) for _ in range(2)]
         angle = rng.choice([rng.uniform(0, 6.3), rng.uniform(0, 0.01)])
         U, V = complex(moduli[0]), moduli[1] * complex(numpy.cos(angle), numpy.sin(angle))
         corner = rng.choice(corners)
         assert abs(current(corner, V) - current(corner, U)) <= bound * abs(V - U) * (1 + 1e-9) + 1e-12
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_the_corners_looked_at_decide_for_all(seed: int) -> None:
+    """`law_corners` leaves out corners that cannot fail alone: compare with all of them."""
+    rng = random.Random(seed)
+
+    def terms(least: int) -> tuple[PowerTerm, ...]:
+        return tuple(
+            PowerTerm(F_(rng.randint(least, 9) or 1), F_(1), F_(e), F_(rng.randint(0, 2), rng.randint(1, 4)))
+            for e in sorted(rng.sample([0, 1, 2, 3], rng.randint(1, 3)))
+        )
+
+    law, band = LoadLaw(terms(1), terms(-2)), (F_(rng.randint(5, 12), 10), F_(rng.randint(13, 30), 10))
+
+    def monotone(corner: LoadLaw) -> bool:
+        try:
+            rules.monotone_polynomial(corner, band)
+        except RuleFailure:
+            return False
+        return True
+
+    every = product(*("-+" if term.spread else "0" for term in (*law.active, *law.reactive)))
+    assert all(monotone(law_at(law, "".join(signs))) for signs in every) == all(
+        monotone(law_at(law, signs)) for signs in law_corners(law)
+    )
 
 
 def test_index_storage_refuses() -> None:

@@ -20,6 +20,7 @@ POSITIVE = [
     "two-inverters.toml",
     "single-inverter.toml",
     "wrong-inductance.toml",
+    "tiny-asymmetry.toml",
     "custom-loop.json",
 ]
 

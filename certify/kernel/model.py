@@ -6,7 +6,7 @@ equilibrium. A user's own linear loop keeps its own states. All functions are pu
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
@@ -78,11 +78,18 @@ def at_corner(filter_: Filter, signs: str) -> Filter:
     return Filter(resistance, inductance, filter_.capacitance_farad)
 
 
-def law_corners(law: LoadLaw) -> Iterator[tuple[str, LoadLaw]]:
-    """Every corner of the box of a law's coefficients, named by one sign for each term: active ones, then reactive."""
+def law_corners(law: LoadLaw) -> tuple[str, ...]:
+    """The corners of the box of a law's coefficients at which monotonicity fails if it fails anywhere in the box.
+
+    One sign for each term, active ones first. An active term with an exponent of 1 or more adds a positive semidefinite
+    part to the Jacobian, so its lower end is the worse one; a reactive term of exponent 2 adds nothing symmetric.
+    """
+    ends = ["-+" if t.exponent < 1 else "-" for t in law.active] + [
+        "0" if t.exponent == 2 else "-+" for t in law.reactive
+    ]
     terms = (*law.active, *law.reactive)
-    for signs in product(*("-+" if term.spread else "0" for term in terms)):
-        yield "".join(signs), law_at(law, "".join(signs))
+    free = [signs if term.spread else "0" for term, signs in zip(terms, ends, strict=True)]
+    return tuple("".join(signs) for signs in product(*free))
 
 
 def law_at(law: LoadLaw, signs: str) -> LoadLaw:

@@ -11,13 +11,16 @@ from typing import Any
 from certify.kernel import rules
 from certify.kernel.claims import Context, Fact, to_text
 from certify.kernel.linalg import Matrix, Vector, block, identity, scale, zeros
-from certify.kernel.model import SIGNS, LinearPort, at_corner, incidence, law_at, law_corners, less_conductance
+from certify.kernel.model import SIGNS, LinearPort, LoadLaw, at_corner, incidence, law_at, law_corners, less_conductance
 from certify.kernel.quantity import shorten
 from certify.kernel.spec import Filter, SeriesBranch
 
 _RATIONAL = re.compile(r"-?(?:0|[1-9]\d*)(?:/[1-9]\d*)?", re.ASCII)
 MAX_DIGITS = 1_000  # of one number of a proof
-MAX_SPREAD = 10  # coefficients of a load with a tolerance: a box has two to their number corners
+# What a proof may cost, where a box of tolerances multiplies it: corners times the size of the work at each of them.
+MAX_LOAD_WORK = 1 << 21  # squared degree times bits of a coefficient
+MAX_CELL_WORK = 1 << 17  # points times bits
+MAX_STORAGE_WORK = 40_000  # characters of a storage matrix
 
 
 class Data:
@@ -100,10 +103,12 @@ def _storage(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
 
 def _index(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
     """Rule `index-storage`, at every corner of the box (THEORY 10); a witness tells how small a shortage can be."""
-    witness = isinstance(data.raw, dict) and "witness" in data.raw
-    shortage_text, part, *more = data.fields("shortage", "storage", *(["witness"] if witness else []))
+    witness, raw = _optional(data, "witness")
+    shortage_text, part = Data(raw).fields("shortage", "storage")
     shortage = shortage_text.scalar()
     corners = context.corners(name)
+    work = len(corners) * sum(len(row.text()) for row in part.items())
+    rules.require(work <= MAX_STORAGE_WORK, "the storage matrix has too many digits")
     rules.require(
         corners == ("000",) or context.port(name).capacitance_farad is not None,
         "no rule covers the tolerance of the lines at a linear loop",
@@ -122,8 +127,8 @@ def _index(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
     context.storages[name] = (key, context.port(name, corners[0]), found[0].M)
     context.shortages[name] = shortage
     facts = [("shortage eps", shortage, "ohm")]
-    if more:
-        _, u, value = _point(context.port(name), more[0])
+    if witness is not None:
+        _, u, value = _point(context.port(name), Data(witness))
         least = -value / sum(x * x for entry in u for x in entry)
         facts.append(("no shortage is enough below", least, "ohm"))
     facts.append(("corners of the box of tolerances", Fraction(len(found)), ""))
@@ -143,12 +148,19 @@ def _point(port: LinearPort, data: Data) -> tuple[Complex, list[Complex], Fracti
     return (point[0], point[1]), pairs, rules.frequency_witness(port, (point[0], point[1]), pairs)
 
 
+def _optional(data: Data, name: str) -> tuple[Any, dict[str, Any]]:
+    """A field that a proof may have, or None, and the other fields."""
+    rules.require(isinstance(data.raw, dict), "a proof is a table")
+    raw: dict[str, Any] = dict(data.raw)  # type: ignore[call-overload]
+    return raw.pop(name, None), raw
+
+
 def _corner(data: Data) -> tuple[str, dict[str, Any]]:
     """The corner of the box that a refutation is about ("" for the values themselves), and the other fields."""
-    raw = dict(data.raw) if isinstance(data.raw, dict) else {}
-    signs = Data(raw.pop("corner", "")).text()
-    rules.require(set(signs) <= set(SIGNS), "a corner is named by signs")
-    return signs, raw
+    signs, raw = _optional(data, "corner")
+    text = "" if signs is None else Data(signs).text()
+    rules.require(set(text) <= set(SIGNS) and (signs is None or text != ""), "a corner is named by signs")
+    return text, raw
 
 
 def _frequency(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
@@ -198,20 +210,23 @@ def _load(rule: Callable[..., bool]) -> Callable[[Context, str, Data], tuple[Fac
     def handler(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
         """At every corner of the coefficients: the symmetric part of the Jacobian is linear in them (THEORY 5)."""
         law, band = context.law(name)
-        raw = dict(data.raw) if isinstance(data.raw, dict) else {}
-        modulus = Data(raw.pop("modulus", "0")).scalar()
-        rules.require(modulus >= 0, "the modulus is negative")
+        modulus_text, raw = _optional(data, "modulus")
+        modulus = Data(modulus_text).scalar() if modulus_text is not None else Fraction(0)
+        rules.require(modulus > 0 or modulus_text is None, "the modulus is not positive")
+        corners = law_corners(law)
         arguments: tuple[Any, ...] = ()
         if rule is rules.monotone_enclosure:
             points, bits = Data(raw).fields("points", "bits")
             arguments = (points.vector(), bits.scalar())
+            work = len(corners) * len(arguments[0]) * arguments[1]
+            rules.require(work <= MAX_CELL_WORK, "too many points, bits or corners")
         else:
             Data(raw).fields()
-        spread = sum(bool(term.spread) for term in (*law.active, *law.reactive))
-        rules.require(spread <= MAX_SPREAD, f"more than {MAX_SPREAD} coefficients have a tolerance")
+            rules.require(len(corners) * law_work(law) <= MAX_LOAD_WORK or len(corners) == 1, "too many corners")
 
         def prove() -> bool:
-            laws = [less_conductance(x, modulus) if modulus else x for _, x in law_corners(law)]
+            laws = [law_at(law, signs) for signs in corners]
+            laws = [less_conductance(x, modulus) if modulus else x for x in laws]
             strict = [rule(x, band, *arguments) for x in laws]  # a list: each corner must pass
             return all(strict)
 
@@ -222,6 +237,14 @@ def _load(rule: Callable[..., bool]) -> Callable[[Context, str, Data], tuple[Fac
         return (*facts, ("strongly monotone with modulus", modulus, "S")) if modulus else facts
 
     return handler
+
+
+def law_work(law: LoadLaw) -> int:
+    """What one Sturm sequence of a law costs, about: squared degree times bits."""
+    terms = (*law.active, *law.reactive)
+    degree = max((int(term.exponent) for term in terms), default=0)
+    numbers = [x for t in terms for x in (t.coefficient, t.spread)]
+    return degree**2 * max((x.numerator.bit_length() + x.denominator.bit_length() for x in numbers), default=0)
 
 
 def _pair(context: Context, name: str, data: Data) -> tuple[Fact, ...]:

@@ -1,7 +1,7 @@
 """The proof rules. Each is a theorem of FORMAT.md: a pure function that checks its side conditions.
 
 A rule raises `RuleFailure` with the condition that fails, and otherwise returns what it has established. It never
-searches, repairs or rounds.
+searches or repairs, and where it rounds (enclosures, `covered_shortages`), only to the safe side.
 """
 
 from __future__ import annotations
@@ -251,7 +251,7 @@ def monotone_enclosure(law: LoadLaw, band: Pair, points: Sequence[Fraction], bit
     """Rule `monotone-enclosure`: G > 0 and D > 0 on every cell between consecutive points. Always strict."""
     require(len(points) > 1 and (points[0], points[-1]) == band, "the points do not span the band")
     require(all(a < b for a, b in pairwise(points)), "the points do not increase")
-    require(bits in (64, 160, 400) and bits * len(points) <= 1 << 19, "the precision or number of points is absurd")
+    require(bits in (64, 160, 400) and bits * len(points) <= 1 << 17, "the precision or number of points is absurd")
     for low, high in pairwise(points):
         G, D = jacobian_enclosure(law, low, high, bits.numerator)
         require(G[0] > 0 and D[0] > 0, f"G or D may not be positive between {low} V and {high} V")
@@ -306,6 +306,9 @@ def shortage_with_load(shortage: Fraction, modulus: Fraction, lipschitz: Fractio
     return shortage * modulus / (modulus - 2 * shortage * lipschitz**2)
 
 
+MAX_FILL = 100_000  # entries that an elimination may touch
+
+
 def covered_shortages(edges: Sequence[tuple[Fraction, tuple[str, ...]]], shortage: dict[str, Fraction]) -> None:
     """diag(R) - A' diag(eps) A > 0 for branches (R, their nodes): what DGUs are short of, the branches dissipate.
 
@@ -321,12 +324,21 @@ def covered_shortages(edges: Sequence[tuple[Fraction, tuple[str, ...]]], shortag
         return
     diagonal = {node: 1 / eps for node, eps in shortage.items()}
     beside: dict[str, dict[str, Fraction]] = {node: {} for node in shortage}
+
+    def couple(a: str, b: str, x: Fraction) -> None:
+        """Add x to the entry at (a, b), rounded down: that is made good by lowering both diagonal entries as much."""
+        exact = beside[a].get(b, Fraction(0)) + x
+        kept = _lowered(exact)
+        beside[a][b] = beside[b][a] = kept
+        for node in (a, b):
+            diagonal[node] -= exact - kept
+
     for R, nodes in ends:
         for node in nodes:
-            diagonal[node] -= 1 / R
+            diagonal[node] = _lowered(diagonal[node] - 1 / R)
         if len(nodes) == 2:
-            for a, b in (nodes, nodes[::-1]):
-                beside[a][b] = beside[a].get(b, Fraction(0)) + 1 / R
+            couple(nodes[0], nodes[1], 1 / R)
+    work = 0
     heap = [(len(row), node) for node, row in beside.items()]
     heapify(heap)
     while heap:
@@ -335,16 +347,14 @@ def covered_shortages(edges: Sequence[tuple[Fraction, tuple[str, ...]]], shortag
             continue
         row, pivot = beside.pop(node), _lowered(diagonal[node])
         require(pivot > 0, f"the lines do not make up for the shortage of the DGUs (at node {node})")
-        require(len(row) <= 50, "too many lines between DGUs with a shortage to decide whether they make up for it")
+        work += len(row) ** 2
+        require(work <= MAX_FILL, "too many lines between DGUs with a shortage to decide whether they make up for it")
         for a, x in row.items():
             del beside[a][node]
             diagonal[a] -= x * x / pivot
             for b, y in row.items():
                 if a < b:
-                    exact = beside[a].get(b, Fraction(0)) - x * y / pivot
-                    kept = _lowered(exact)
-                    beside[a][b] = beside[b][a] = kept
-                    diagonal[a], diagonal[b] = diagonal[a] - (exact - kept), diagonal[b] - (exact - kept)
+                    couple(a, b, -x * y / pivot)
         for a in row:
             heappush(heap, (len(beside[a]), a))
 

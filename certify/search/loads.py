@@ -11,13 +11,13 @@ from certify.kernel.linalg import Vector
 from certify.kernel.model import LoadLaw, PowerTerm, law_at, law_corners, less_conductance, power_polynomials
 from certify.kernel.poly import Polynomial, to_polynomial
 from certify.kernel.powers import power_enclosure
-from certify.kernel.proofs import MAX_SPREAD
 from certify.kernel.reader import Pair
 from certify.kernel.rules import jacobian_enclosure, jacobian_polynomials
 from certify.search.proposal import Proposal, to_text
 from certify.search.roots import find_negative_point, round_to_digits, square_root
 
-MAX_CELLS = 3000
+MAX_CELLS = 2000
+MAX_CORNERS = 256
 BITS = 64  # of the enclosures on cells
 FINE_BITS = 600  # of the values from which a pair of voltages is built
 
@@ -27,10 +27,10 @@ def propose_load(law: LoadLaw, band: Pair, strongly: bool = False) -> Iterator[P
 
     `strongly`: with a modulus of strong monotonicity, if there is one.
     """
-    spread = sum(bool(term.spread) for term in (*law.active, *law.reactive))
-    if spread > MAX_SPREAD:
+    names = law_corners(law)
+    if len(names) > MAX_CORNERS:
         return
-    corners = dict(law_corners(law))
+    corners = {signs: law_at(law, signs) for signs in names}
     plain = law_at(law, "0" * len((*law.active, *law.reactive)))
     if strongly:
         yield from _strongly(list(corners.values()), band)
@@ -43,7 +43,9 @@ def propose_load(law: LoadLaw, band: Pair, strongly: bool = False) -> Iterator[P
         points = _common_cells(corners.values(), band)
         if points:
             yield Proposal("proved", "monotone-enclosure", {"points": to_text(points), "bits": str(BITS)})
-    for signs, corner in ({"": plain, **corners} if spread else {"": plain}).items():
+    for signs, corner in (
+        {"": plain, **corners} if len(names) > 1 or any("-" in n for n in names) else {"": plain}
+    ).items():
         # what is too small for floats to see is at an end of the band, if anywhere within reach
         for v in find_violations(corner, band) or ([] if whole else list(band)):
             for pair, t in find_pairs(corner, band, v):

@@ -33,7 +33,7 @@ from certify.search.frequency import (
 from certify.search.lmi import LONG_ROUNDINGS, ROUNDINGS, find_solution, round_float, to_float
 from certify.search.proposal import Proposal, to_rows
 from certify.search.roots import round_to_digits, square_root
-from certify.search.solvers import Block, largest_margin, minimise
+from certify.search.solvers import Block, box, largest_margin, minimise
 from certify.search.spectral import Reduced, Riccati
 
 ABOVE = Fraction(102, 100)  # how far above the shortage found a level is tried
@@ -305,7 +305,7 @@ class BoxProgram:
             blocks.append(Block(supply[0], numpy.concatenate([supply[1:], self.corner[None]])))
         cost = numpy.zeros(len(self.pairs) + 1)
         cost[-1] = 1.0
-        point = minimise(cost, blocks, 1e6, 1e9)
+        point = minimise(cost, blocks, *box(len(cost), 1e6, 1e9))
         if point is None:
             return None
         return round_float(max(float(point[-1]), 1e-12) * self.impedance, 6)

@@ -54,14 +54,27 @@ def largest_margin(
     cost = _unit(variables + 1, variables, -1.0)
     widened = [_with_margin(block) for block in blocks]
     for bound in bounds:
-        point = minimise(cost, widened, bound, 1.0, second_opinion)
+        point = minimise(cost, widened, *box(variables + 1, bound, 1.0), second_opinion)
         if point is not None and point[-1] > 0:
             yield point
 
 
-def minimise(cost: Any, blocks: Sequence[Block], bound: float, last: float, second_opinion: bool = False) -> Any | None:
-    """A point that minimises cost'x over the blocks, |x_k| <= bound, the last variable at most `last`; or None."""
-    return (_scs if second_opinion else _clarabel)(cost, blocks, bound, last)
+def minimise(
+    cost: Any, blocks: Sequence[Block], constants: Any, slopes: Any, second_opinion: bool = False
+) -> Any | None:
+    """A point that minimises cost'x over the blocks and constants + slopes x >= 0; None if a solver has none.
+
+    Shapes: cost (variables,), constants (rows,), slopes (rows, variables).
+    """
+    return (_scs if second_opinion else _clarabel)(cost, blocks, constants, slopes)
+
+
+def box(variables: int, bound: float, last: float) -> tuple[Any, Any]:
+    """Constants and slopes of |x_k| <= bound for all but the last variable, which has only an upper end."""
+    import numpy
+
+    inner, end = numpy.eye(variables - 1, variables), numpy.eye(1, variables, variables - 1)
+    return numpy.array([*[bound] * (2 * variables - 2), last]), numpy.vstack([inner, -inner, -end])
 
 
 def _with_margin(block: Block) -> Block:
@@ -79,24 +92,12 @@ def _unit(size: int, k: int, value: float) -> Any:
     return vector
 
 
-def _box(variables: int, bound: float, last: float) -> tuple[Any, Any]:
-    """Rows and right sides of |x_k| <= bound for all but the last, which has only an upper end."""
-    import numpy
-    from scipy import sparse
-
-    inner = sparse.eye(variables - 1, variables)
-    end = sparse.csc_matrix(([1.0], ([0], [variables - 1])), shape=(1, variables))
-    rows = sparse.vstack([inner, -inner, end])
-    return rows, numpy.concatenate([numpy.full(2 * (variables - 1), bound), [last]])
-
-
-def _stacked(blocks: Sequence[Block], bound: float, last: float, upper: bool) -> tuple[Any, Any]:
+def _stacked(blocks: Sequence[Block], constants: Any, slopes: Any, upper: bool) -> tuple[Any, Any]:
     """A and b of s = b - A x in the cones, each symmetric matrix as a scaled triangle, column by column."""
     import numpy
     from scipy import sparse
 
-    rows, right = _box(len(blocks[0].coefficients), bound, last)
-    parts, sides = [rows], [right]
+    parts, sides = [sparse.csc_matrix(-slopes)], [constants]
     for block in blocks:
         n = len(block.constant)
         i, j = numpy.tril_indices(n) if upper else numpy.triu_indices(n)  # transposed: column by column
@@ -106,14 +107,16 @@ def _stacked(blocks: Sequence[Block], bound: float, last: float, upper: bool) ->
     return sparse.vstack(parts).tocsc(), numpy.concatenate(sides)
 
 
-def _clarabel(cost: Any, blocks: Sequence[Block], bound: float, last: float) -> Any | None:
+def _clarabel(cost: Any, blocks: Sequence[Block], constants: Any, slopes: Any) -> Any | None:
     import clarabel
     import numpy
     from scipy import sparse
 
-    A, b = _stacked(blocks, bound, last, upper=True)
+    A, b = _stacked(blocks, constants, slopes, upper=True)
+    if not (numpy.isfinite(A.data).all() and numpy.isfinite(b).all()):
+        return None  # the solver would panic
     variables = len(cost)
-    cones = [clarabel.NonnegativeConeT(2 * (variables - 1) + 1)]
+    cones = [clarabel.NonnegativeConeT(len(constants))]
     cones += [clarabel.PSDTriangleConeT(len(block.constant)) for block in blocks]
     settings = clarabel.DefaultSettings()
     settings.verbose = False
@@ -129,12 +132,12 @@ def _clarabel(cost: Any, blocks: Sequence[Block], bound: float, last: float) -> 
     return point if USABLE.get(str(solution.status), False) and numpy.isfinite(point).all() else None
 
 
-def _scs(cost: Any, blocks: Sequence[Block], bound: float, last: float) -> Any | None:
+def _scs(cost: Any, blocks: Sequence[Block], constants: Any, slopes: Any) -> Any | None:
     import numpy
     import scs
 
-    A, b = _stacked(blocks, bound, last, upper=False)
-    cone = {"l": 2 * (len(cost) - 1) + 1, "s": [len(block.constant) for block in blocks]}
+    A, b = _stacked(blocks, constants, slopes, upper=False)
+    cone = {"l": len(constants), "s": [len(block.constant) for block in blocks]}
     solver = scs.SCS({"A": A, "b": b, "c": cost}, cone, verbose=False, eps_abs=1e-9, eps_rel=1e-9, max_iters=20_000)
     solution = solver.solve()
     status = str(solution["info"]["status"]).split(" ")[0]

@@ -25,6 +25,7 @@ from certify.kernel.linalg import Matrix, add, identity, multiply, scale
 from certify.kernel.model import I2, J, LinearPort, dgu_port
 from certify.kernel.spec import Dgu, Filter, StateFeedback
 from certify.search.lmi import round_float
+from certify.search.solvers import Block, minimise
 
 KINDS = ("pi", "ida-pbc")
 UNIT_GAIN = Fraction(1)  # gains below this cost nothing: the largest entry of K11 of a filter left alone is 1 at most
@@ -500,7 +501,9 @@ class _Search:
             if k != 3:  # h, b and x are positive
                 constants.append(-1e-6)
                 slopes.append([*(float(n == i) for n in range(len(free))), *zero, 0.0])
-        point = _minimise_last(stable, numpy.array(constants), numpy.array(slopes))
+        constant, parts = stable
+        cost = numpy.eye(len(parts))[-1]
+        point = minimise(cost, [Block(constant, numpy.array(parts))], numpy.array(constants), numpy.array(slopes))
         if point is None:
             return q
         found = base.copy()
@@ -560,37 +563,6 @@ def _hermitian_basis() -> list[Any]:
                 a[i, j] = factor
                 basis.append(a + a.conj().T)
     return basis
-
-
-def _minimise_last(stable: tuple[Any, list[Any]], constants: Any, slopes: Any) -> Any | None:
-    """The point y that minimises its last entry with S_0 + sum y_k S_k >= 0 and constants + slopes y >= 0; or None.
-
-    Shapes: S_k (n, n), constants (r,), slopes (r, variables). Clarabel gets the data as they are: a modelling layer
-    would take longer to load than all of these small programmes to solve. Any status will do, because what comes out
-    is measured before it is used.
-    """
-    import clarabel
-    import numpy
-    from scipy import sparse
-
-    constant, parts = stable
-    j, i = numpy.tril_indices(len(constant))  # the upper triangle, column by column
-    weight = numpy.where(i == j, 1.0, numpy.sqrt(2.0))
-    triangle = numpy.array([part[i, j] * weight for part in parts]).T
-    A = sparse.csc_matrix(-numpy.vstack([slopes, triangle]))
-    b = numpy.concatenate([constants, constant[i, j] * weight])
-    variables = len(parts)
-    if not (numpy.isfinite(A.data).all() and numpy.isfinite(b).all()):
-        return None  # the solver would panic
-    cost = numpy.zeros(variables)
-    cost[-1] = 1.0
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    cones = [clarabel.NonnegativeConeT(len(constants)), clarabel.PSDTriangleConeT(len(constant))]
-    nothing = sparse.csc_matrix((variables, variables))
-    point = numpy.array(clarabel.DefaultSolver(nothing, cost, A, b, cones, settings).solve().x)
-    return point if numpy.isfinite(point).all() else None
 
 
 def _neighbours(x: float, digits: int) -> list[Fraction]:
