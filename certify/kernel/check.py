@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from fractions import Fraction
 from typing import Any
 
 from certify.kernel.claims import Claim, Context, Fact, Verdict, assumptions, but_for_a_shortage, overall, statements
@@ -56,7 +57,7 @@ def _check_claims(grid: Microgrid, document: dict[str, Any]) -> Verdict:
     for (name, (subject, text)), entry in zip(expected.items(), listed, strict=False):
         _keys(entry, {"id", "statement", "status", "rule", "proof"}, name)
         if entry["rule"] == "index-storage":
-            text = but_for_a_shortage(text)
+            text = but_for_a_shortage(text, _shortage(proofs, entry["proof"], name))
         if (entry["id"], entry["statement"]) != (name, text):
             raise Rejected("K105", name, f"the spec calls for another claim here than {shorten(entry['id'])}")
         rule, key = entry["rule"], entry["proof"]
@@ -104,6 +105,15 @@ def _read(certificate: bytes) -> dict[str, Any]:
         raise Rejected("K101", "file", f"not a certificate: {error}") from None
     _keys(document, {"format", "spec_sha256", "claims", "proofs", "assumptions", "verdict", "provenance"}, "file")
     return document  # type: ignore[no-any-return]
+
+
+def _shortage(proofs: dict[str, Any], key: object, name: str) -> Fraction:
+    """The eps of a proof by `index-storage`: part of what its claim says."""
+    data = proofs.get(key) if isinstance(key, str) else None
+    try:
+        return Data(data.get("shortage") if isinstance(data, dict) else None).scalar()
+    except RuleFailure as failure:
+        raise Rejected("K201", name, f"rule index-storage: {failure}") from None
 
 
 def _keys(value: object, keys: set[str], where: str) -> None:

@@ -155,9 +155,9 @@ def _within(shares: Iterable[Fraction], legs: bool = False) -> str:
     return ", for all values within the tolerances" if legs or any(shares) else ""
 
 
-def but_for_a_shortage(statement: str) -> str:
-    """What a claim about a DGU says if it is proved with an index."""
-    return f"{statement} - but for a shortage: S' <= <z~, d~> + eps |d~|^2"
+def but_for_a_shortage(statement: str, shortage: Fraction) -> str:
+    """What a claim about a DGU says if it is proved with an index, eps in ohm."""
+    return f"{statement} - but for a shortage: S' <= <z~, d~> + eps |d~|^2 with eps = {to_text(shortage)} ohm"
 
 
 def assumptions(grid: Microgrid) -> list[dict[str, str]]:

@@ -73,6 +73,18 @@ def render_verdict(
         lines.append(table((c.status, c.id, c.rule or "-", c.statement) for c in verdict.claims))
     else:
         lines.append(table(_summary(verdict.claims)))
+    short = [
+        f"{c.id} ({approximate(value)} ohm)"
+        for c in verdict.claims
+        for what, value, _ in c.facts
+        if what == "shortage eps"
+    ]
+    if short:
+        more = f" and {len(short) - 6} more" if len(short) > 6 else ""
+        lines += [
+            "",
+            f"passive but for a shortage, which lines and loads have to make up for: {', '.join(short[:6])}{more}",
+        ]
     lines += open_claims(verdict, notes, colour)
     if verdict.outcome == "certified":
         lines += ["", f"proved: {verdict.claims[-1].statement}."]

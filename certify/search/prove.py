@@ -67,7 +67,7 @@ class Search:
                 proofs[key] = found.data
                 entry |= {"status": found.status, "rule": found.rule, "proof": key}
                 if found.rule == "index-storage":
-                    entry["statement"] = but_for_a_shortage(text)
+                    entry["statement"] = but_for_a_shortage(text, Fraction(found.data["shortage"]))
             claims.append(entry)
         return {
             "claims": claims,
