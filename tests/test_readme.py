@@ -28,7 +28,9 @@ def test_shown_output_is_real(command: str, text: str, tmp_path: Path, capsys: p
     main(arguments)
     output = capsys.readouterr()
     printed = (output.out + output.err).replace(f"{tmp_path}/", "")
-    if arguments[0] in ("synth", "tolerance") or "cross" in command:  # what a search in floats ends with differs a little between machines
+    if (
+        arguments[0] in ("synth", "tolerance") or "cross" in command
+    ):  # what a search in floats ends with differs a little between machines
         text, printed = without_numbers(text), without_numbers(printed)
     lines = iter(printed.splitlines())
     for line in text.splitlines():

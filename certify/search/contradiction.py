@@ -53,16 +53,20 @@ def find_unreached_mode(port: LinearPort) -> dict[str, Any] | None:
         V = exact.null_space(polynomial_at(g, F))
         if len(signs) > 1 or -1 in signs or V.ncols() != g.degree() or (C * V).rank() == 0:
             continue
-        found = _growing(F, B, C, exact.block([[reached, V]])) if 1 in signs else _undamped(F, B, C, V, g)
+        A = exact.solve_columns(V, F * V)
+        if 1 in signs:
+            found = _growing(F, B, C, exact.block([[reached, V]])) or _answered(F, B, C, V, _lyapunov(A))
+        else:
+            found = _answered(F, B, C, V, conserved(A, g))
         if found:
             W, Y = found
             return {"faces": [], "W": to_rows(exact.from_flint(W)), "Y": to_rows(exact.from_flint(Y)), "y": []}
     return None
 
 
-def _undamped(F: Exact, B: Exact, C: Exact, V: Exact, g: Any) -> tuple[Exact, Exact] | None:
+def _answered(F: Exact, B: Exact, C: Exact, V: Exact, Omega: Exact) -> tuple[Exact, Exact] | None:
+    """W and Y from the exact answer Pi to the mode, for a gain k small enough."""
     A = exact.solve_columns(V, F * V)
-    Omega = conserved(A, g)
     n, k = F.nrows(), A.nrows()
     right = fmpq_mat(n * k, 1, (-(B * C * V)).entries())
     x = exact.solve_any(_linear_map(n, k, lambda X: X * A - F * X), right)
@@ -75,6 +79,13 @@ def _undamped(F: Exact, B: Exact, C: Exact, V: Exact, g: Any) -> tuple[Exact, Ex
         if sum(((C * Y)[i, i] for i in range(C.nrows())), fmpq(0)) < 0:
             return Pi * Omega * Pi.transpose(), Y
     return None
+
+
+def _lyapunov(A: Exact) -> Exact:
+    """Omega > 0 with A Omega + Omega A' = 1, for eigenvalues with positive real parts."""
+    k = A.nrows()
+    one = fmpq_mat(k * k, 1, exact.identity(k).entries())
+    return fmpq_mat(k, k, _linear_map(k, k, lambda X: A * X + X * A.transpose()).solve(one).entries())
 
 
 def _growing(F: Exact, B: Exact, C: Exact, T: Exact) -> tuple[Exact, Exact] | None:
