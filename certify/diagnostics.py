@@ -135,9 +135,9 @@ _ALL = (
     ),
     Diagnostic(
         "S209",
-        "tolerance too large",
+        "not a tolerance",
         "A tolerance is a share of the value. At 100 % the box contains zero, where the model has no meaning.",
-        "give less than 100 %",
+        "give a share of the value, from 0 % up to but not including 100 %",
         'tolerance = "10 %"',
     ),
     Diagnostic(
@@ -275,6 +275,12 @@ _ALL = (
         "a DGU with tolerances undecided",
         "No storage function was found that serves every corner of its box of tolerances, and no corner was refuted.",
         "a smaller tolerance, or more damping",
+    ),
+    Diagnostic(
+        "P209",
+        "tolerance of the lines at a linear loop",
+        "Half the capacitance of each line belongs to the node, and no rule covers its tolerance under a linear loop.",
+        'give the C of these lines no tolerance: tolerance = { C = "0 %" }',
     ),
     Diagnostic(
         "P205",

@@ -89,3 +89,13 @@ def to_json(document: Any, like: str) -> str:
     indent = re.match(r"\s*\{[^\S\n]*\n([ \t]*)", like)
     text = json.dumps(marked(document), indent=indent[1] if indent else None, ensure_ascii=False)
     return re.sub('"\ue000([^"]*)\ue001"', r"\1", text) + "\n"
+
+
+def toml_key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
+
+
+def toml_value(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{toml_key(key)} = {toml_value(part)}" for key, part in value.items()) + " }"
+    return str(value) if isinstance(value, NumberText | int) else json.dumps(value, ensure_ascii=False)

@@ -7,7 +7,6 @@ parsed again and compared with what it should say, and only the kernel says that
 from __future__ import annotations
 
 import copy
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,12 +14,12 @@ from fractions import Fraction
 from typing import Any
 
 from certify.certificate import Certificate, prove
-from certify.editing import edit_spec, insert, parse_toml
+from certify.editing import edit_spec, insert, parse_toml, toml_key, toml_value
 from certify.inputs import decode_all
 from certify.kernel.claims import Context
 from certify.kernel.errors import Fault, RuleFailure, SpecError
 from certify.kernel.model import node_capacitances, to_state_feedback
-from certify.kernel.quantity import QuantityError, parse_quantity, shorten
+from certify.kernel.quantity import NumberText, QuantityError, parse_quantity, shorten
 from certify.kernel.reader import read_document
 from certify.kernel.spec import IdaPbc, Microgrid, StateFeedback
 from certify.search.prove import Progress
@@ -162,7 +161,7 @@ class Edit:
 def controller_fragment(name: str, design: Design, kind: str) -> str:
     """The TOML of a controller: gains as formulas of the plant data, so that they are exactly passive (THEORY 4)."""
     x, b, h, g = (to_decimal(v) for v in (design.x, design.b, design.h, design.g))
-    head = f"[controller.{_toml_key(name)}]\n"
+    head = f"[controller.{toml_key(name)}]\n"
     if kind == "ida-pbc":
         return f'{head}kind = "ida-pbc"\nalpha = {to_decimal(-design.h * design.b)}\nnu = {b}\nki = {x}\n'
     if not design.g:
@@ -182,14 +181,26 @@ def controller_fragment(name: str, design: Design, kind: str) -> str:
     )
 
 
-def _toml_key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
-
-
 def with_tolerance(document: Any, filter_name: str, text: str) -> Any:
-    """The document, in which the quantities of one filter are now known to within `text` ("5 %") only."""
-    document["filter"][filter_name]["tolerance"] = text
+    """The document, in which R, L and C of one filter are known to within `text` ("5 %") only; more stays more."""
+    filter_, common = document["filter"][filter_name], document.get("tolerance", "0 %")
+    before = filter_.get("tolerance", common.get("filter", "0 %") if isinstance(common, dict) else common)
+    shares = before if isinstance(before, dict) else dict.fromkeys("RLC", before)
+    wider = {key: max(shares.get(key, "0 %"), text, key=_share) for key in "RLC"}
+    if len(set(map(str, wider.values()))) == 1:
+        filter_["tolerance"] = wider["R"]
+    elif type(document) is dict:
+        filter_["tolerance"] = wider
+    else:
+        from tomlkit import inline_table
+
+        filter_["tolerance"] = inline_table()
+        filter_["tolerance"].update(wider)
     return document
+
+
+def _share(raw: Any) -> Fraction:
+    return parse_quantity(NumberText(raw) if isinstance(raw, float) else raw, "", {})
 
 
 def edited(spec: bytes, edit: Edit) -> bytes:
@@ -275,7 +286,7 @@ def synthesize(
             result,
             met=certificate.verdict.outcome == "certified",
             controller=edit.controller,
-            fragment=_shown(edit),
+            fragment=_shown(edit, read_document(text)),
             design=design,
             plain=plain,
             rate=decay_bracket(design.port(plant).F),
@@ -354,17 +365,20 @@ def _edit(document: Any, grid: Microgrid, node: str, design: Design, wish: Wish)
     return Edit(node, controller, fragment, filter_, copied, wish.tolerance)
 
 
-def _shown(edit: Edit) -> str:
-    """The fragment with what else has to change, for those who put it in by hand."""
-    lines = [f'# in [node.{_toml_key(edit.node)}]: dgu.controller = "{edit.controller}"']
+def _shown(edit: Edit, document: Any) -> str:
+    """The fragment with what else has to change, for those who put it in by hand. `document` is the edited one."""
+    text = edit.fragment
+    changes = f'controller = "{edit.controller}"'
     if edit.copied:
-        lines[0] += f', dgu.filter = "{edit.copied}"'
-        lines.append(
-            f'# [filter.{_toml_key(edit.copied)}]: a copy of "{edit.filter}" with tolerance = "{edit.tolerance}"'
-        )
-    elif edit.tolerance:
-        lines.append(f'# in [filter.{_toml_key(edit.filter)}]: tolerance = "{edit.tolerance}"')
-    return edit.fragment + "\n".join(lines) + "\n"
+        changes += f', filter = "{edit.copied}"'
+        values = document["filter"][edit.copied].items()
+        rows = [f"{toml_key(key)} = {toml_value(value)}" for key, value in values]
+        text += f"\n[filter.{toml_key(edit.copied)}]\n" + "\n".join(rows) + "\n"
+    text += f"# and in the dgu of node {edit.node}: {changes}\n"
+    if edit.tolerance and not edit.copied:
+        tolerance = toml_value(document["filter"][edit.filter]["tolerance"])
+        text += f"# and in filter {edit.filter}, in place of a tolerance that it may have: tolerance = {tolerance}\n"
+    return text
 
 
 def _limits(found: Found, plant: Plant, wish: Wish) -> tuple[str, ...]:

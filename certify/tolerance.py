@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 from certify.certificate import Certificate, prove
-from certify.editing import edit_spec, to_json
+from certify.editing import edit_spec, to_json, toml_value
 from certify.inputs import decode_all
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.reader import read_document
@@ -23,10 +23,13 @@ class LargestTolerance:
     """`low` is proved: `certificate` is that of `spec`, which has it. `high` is not: `failing` is its certificate.
 
     Shares of the values, 0 <= low < high <= 1; at 1 a box would contain zero. `low` is None if the spec is not
-    certified without any tolerance.
+    certified with no such tolerance at all. `kept` names the parts with a tolerance of their own, which they keep, and
+    `replaced` is the common tolerance that the spec had.
     """
 
     of: tuple[str, ...]
+    kept: tuple[str, ...]
+    replaced: str | None
     low: Fraction | None
     high: Fraction
     spec: bytes
@@ -50,9 +53,12 @@ def largest_tolerance(
     """
     decode_all(spec)
     document = read_document(spec)
-    _require_parts(document, of)
+    kept = _require_parts(document, of)
+    before = document.get("tolerance")
+    replaced = None if before is None else toml_value(before)
 
     def trial(share: Fraction, refute: bool = False) -> Certificate:
+        """Of the spec with this share; a JSON document of the same meaning does."""
         text = to_json(with_tolerance(copy.deepcopy(document), of, share), "{").encode()
         return prove(text, refute=refute)
 
@@ -70,13 +76,14 @@ def largest_tolerance(
 
     holds, found = certified(0)
     if not holds:
-        return LargestTolerance(of, None, STEP, spec, found, found)
+        found = trial(Fraction(0), refute=True)
+        return LargestTolerance(of, kept, replaced, None, STEP, spec, found, found)
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (middle, high) if certified(middle)[0] else (low, middle)
     failing = trial(high * STEP, refute=True) if high < steps else None
     text = edit_spec(spec, lambda document: with_tolerance(document, of, low * STEP))
-    return LargestTolerance(of, low * STEP, high * STEP, text, prove(text), failing)
+    return LargestTolerance(of, kept, replaced, low * STEP, high * STEP, text, prove(text), failing)
 
 
 def with_tolerance(document: Any, of: tuple[str, ...], share: Fraction) -> Any:
@@ -109,11 +116,37 @@ def to_percent(share: Fraction) -> str:
     return f"{whole}.{rest} %" if rest else f"{whole} %"
 
 
-def _require_parts(document: Any, of: tuple[str, ...]) -> None:
-    """Raises: SpecError if `of` is empty or names a kind that there is not."""
+def _require_parts(document: Any, of: tuple[str, ...]) -> tuple[str, ...]:
+    """The parts that keep a tolerance of their own. Raises: SpecError if there is nothing left to vary."""
+
+    def refuse(message: str) -> SpecError:
+        return SpecError((Fault("U001", "--of", message),))
+
     unknown = [kind for kind in of if kind not in PARTS]
     if unknown or not of:
-        message = f"expected some of {', '.join(PARTS)}, got {', '.join(unknown) or 'nothing'}"
-        raise SpecError((Fault("U001", "--of", message),))
-    if of == ("filter",) and not document.get("filter"):
-        raise SpecError((Fault("U001", "--of", "the spec has no filter that could have a tolerance"),))
+        raise refuse(f"expected some of {', '.join(PARTS)}, got {', '.join(unknown) or 'nothing'}")
+    kept, varied = [], 0
+    for kind, path, part in _parts(document):
+        if kind in of:
+            own = part.get("tolerance")
+            whole = not isinstance(own, dict) and own is not None
+            kept += [path] if own is not None else []
+            varied += not whole
+    if not varied:
+        parts = " or ".join(of)
+        raise refuse(f"every {parts} has a tolerance of its own" if kept else f"the spec has no {parts} to vary")
+    return tuple(kept)
+
+
+def _parts(document: Any) -> Iterator[tuple[str, str, Any]]:
+    """(kind, path, table) of everything that takes a tolerance from the top of the spec."""
+    for name, part in document.get("filter", {}).items():
+        yield "filter", f"filter.{name}", part
+    for name, part in document.get("line_type", {}).items():
+        yield "line", f"line_type.{name}", part
+    for part in document.get("line", []):
+        if "type" not in part or "tolerance" in part:
+            yield "line", f"line.{part['name']}", part
+    for name, node in document.get("node", {}).items():
+        for k, part in enumerate(node.get("load", [])):
+            yield "load", f"node.{name}.load[{k}]", part

@@ -278,11 +278,13 @@ def test_a_box_that_is_too_large_names_the_corner() -> None:
     ("share", "code", "path"),
     [
         ('"100 %"', "S209", "tolerance"),
-        ('"-1 %"', "S208", "tolerance"),
-        ('"1 ohm"', "S203", "tolerance"),
+        ('"-1 %"', "S209", "tolerance"),
+        ('"1 ohm"', "S209", "tolerance"),
+        ('"1e999"', "S202", "tolerance"),
+        ("10", "S209", "tolerance"),
         ("{ filters = 0.1 }", "S101", "tolerance.filters"),
         ("{ filter = 1.5 }", "S209", "tolerance.filter"),
-        ("[0.1]", "S201", "tolerance"),
+        ("[0.1]", "S209", "tolerance"),
     ],
 )
 def test_bad_tolerances(share: str, code: str, path: str) -> None:
@@ -317,6 +319,13 @@ def test_tolerances_of_parts() -> None:
     text = text.replace('C = "151.7 nF/km"', 'C = "151.7 nF/km"\ntolerance = "5 %"', 1)
     context = Context(decode(text.encode()))
     assert context.corners("1") == ("0--", "0-+", "0+-", "0++")
+    inherited = Context(
+        decode(text.replace('name = "CIGRE', 'tolerance = { filter = "7 %" }\nname = "CIGRE', 1).encode())
+    )
+    dgu = inherited.nodes["1"].dgu
+    assert dgu
+    assert dgu.filter
+    assert dgu.filter.tolerance == (F_(7, 100), F_(1, 5), F_(7, 100))
     line = context.grid.lines[0]
     assert line.branch.tolerance == (F_(1, 20), F_(1, 20))
     assert line.capacitance_tolerance == F_(1, 20)

@@ -40,14 +40,16 @@ def to_text(x: Fraction) -> str:
     """A rational for people and statements: a decimal if it has a short one, else its first twelve digits or so.
 
     >>> to_text(Fraction(1, 8)), to_text(Fraction(1, 3))
-    ('0.125', 'about 333333333333e-12')
+    ('0.125', 'about 0.333333333333')
     """
     for places in range(19):
         if (10**places) % x.denominator == 0:
             whole, digits = divmod(abs(x.numerator) * (10**places // x.denominator), 10**places)
             return f"{'-' if x < 0 else ''}{whole}" + (f".{digits:0{places}d}" if places else "")
     exponent = len(str(abs(x.numerator))) - len(str(x.denominator)) - 12
-    return f"about {round(x / Fraction(10) ** exponent)}e{exponent}"
+    digits = round(x / Fraction(10) ** exponent)
+    near = to_text(digits * Fraction(10) ** exponent) if -18 <= exponent <= 0 else f"{digits}e{exponent}"
+    return f"about {near}"
 
 
 class Context:
@@ -147,6 +149,7 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
         text = f"on the island of node {island[0]} (nodes: {len(island)}) nothing but rest is without dissipation"
         claims[f"invariant-set/{island[0]}"] = ("island", island), text
     text = "every equilibrium with all load voltages strictly inside their bands is asymptotically stable"
+    text += ", for all values within the tolerances" if any(", for all" in said for _, said in claims.values()) else ""
     claims["microgrid"] = ("microgrid", None), text
     return claims
 

@@ -131,7 +131,8 @@ def _index(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
         _, u, value = _point(context.port(name), Data(witness))
         least = -value / sum(x * x for entry in u for x in entry)
         facts.append(("no shortage is enough below", least, "ohm"))
-    facts.append(("corners of the box of tolerances", Fraction(len(found)), ""))
+    if len(found) > 1:
+        facts.append(("corners of the box of tolerances", Fraction(len(found)), ""))
     smallest = min(min(storage.dissipation_pivots) for storage in found)
     return (*facts, ("smallest pivot of the dissipation matrix", smallest, ""))
 
@@ -279,6 +280,7 @@ def _island(context: Context, island: tuple[str, ...], data: Data) -> tuple[Fact
     by, at = (part.text() for part in data.fields("by", "at"))
     members, claims = set(island), context.status
     shortages: dict[str, Fraction] = {}
+    facts: tuple[Fact, ...] = ()
     rules.require(at in members, "the pin is not on this island")
     for name in island:
         node = context.nodes[name]
@@ -303,7 +305,14 @@ def _island(context: Context, island: tuple[str, ...], data: Data) -> tuple[Fact
             lines = (line for line in context.lines_at[name] if line.start == name)
             edges += [(least_resistance(line.branch), (line.start, line.end)) for line in lines]
             edges += [(least_resistance(branch), (name,)) for branch in context.nodes[name].branches]
-        rules.covered_shortages([e for e in edges if any(node in shortages for node in e[1])], shortages)
+        used = rules.covered_shortages([e for e in edges if any(node in shortages for node in e[1])], shortages)
+        facts = (
+            (
+                "largest part of a branch's resistance that shortages take (at 1 all branches are weighed together)",
+                used,
+                "",
+            ),
+        )
     if by == "load":
         rules.require(at in context.strict_loads, "the load at the pin is not strictly monotone")
     elif by == "branch":
@@ -312,7 +321,7 @@ def _island(context: Context, island: tuple[str, ...], data: Data) -> tuple[Fact
         rules.require(by == "dgu" and at in context.storages, "the pin is neither a load, a branch nor a proved DGU")
         free_load = context.nodes[at].band_volt is not None and at not in shortages
         rules.pins(*context.storages[at][1:], with_load=free_load)
-    return ()
+    return facts
 
 
 def _lipschitz(context: Context, name: str) -> Fraction:

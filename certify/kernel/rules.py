@@ -309,19 +309,21 @@ def shortage_with_load(shortage: Fraction, modulus: Fraction, lipschitz: Fractio
 MAX_FILL = 100_000  # entries that an elimination may touch
 
 
-def covered_shortages(edges: Sequence[tuple[Fraction, tuple[str, ...]]], shortage: dict[str, Fraction]) -> None:
+def covered_shortages(edges: Sequence[tuple[Fraction, tuple[str, ...]]], shortage: dict[str, Fraction]) -> Fraction:
     """diag(R) - A' diag(eps) A > 0 for branches (R, their nodes): what DGUs are short of, the branches dissipate.
 
     First branch by branch, R > sum of eps deg over its ends; then the equivalent node by node, N = 1/eps - A R^-1 A'
     > 0, by elimination. Numbers are kept short by lowering the diagonal, which only makes the test stricter.
+    Returns the largest part of an R that is taken branch by branch, 1 if that test was not enough.
     """
     degree = dict.fromkeys(shortage, 0)
     ends = [(R, [node for node in nodes if node in shortage]) for R, nodes in edges]
     for _, nodes in ends:
         for node in nodes:
             degree[node] += 1
-    if all(sum(shortage[node] * degree[node] for node in nodes) < R for R, nodes in ends):
-        return
+    taken = max((sum(shortage[node] * degree[node] for node in nodes) / R for R, nodes in ends), default=Fraction(0))
+    if taken < 1:
+        return taken
     diagonal = {node: 1 / eps for node, eps in shortage.items()}
     beside: dict[str, dict[str, Fraction]] = {node: {} for node in shortage}
 
@@ -357,6 +359,7 @@ def covered_shortages(edges: Sequence[tuple[Fraction, tuple[str, ...]]], shortag
                     couple(a, b, -x * y / pivot)
         for a in row:
             heappush(heap, (len(beside[a]), a))
+    return la.ONE
 
 
 def _lowered(x: Fraction, bits: int = 96) -> Fraction:

@@ -7,7 +7,7 @@ an environment; the only input is the bytes of the file.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -15,7 +15,7 @@ from typing import Any
 
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.linalg import Matrix
-from certify.kernel.quantity import Formula, parse_formula, shorten
+from certify.kernel.quantity import Formula, QuantityError, parse_formula, parse_quantity, shorten
 from certify.kernel.reader import REQUIRED, Pair, Reader, Schema, TableReader, keep, read_document, shown
 
 FORMAT = "certify/microgrid@1"
@@ -193,24 +193,35 @@ class Decoder(TableReader):
 
     def share(self, raw: object, path: str) -> Fraction | None:
         """A tolerance: at least zero, and below one, so that no value of the box is zero."""
-        value: Fraction | None = self.unit("", ">= 0")(raw, path)
-        if value is not None and value >= 1:
-            self.fault("S209", path, f"a tolerance of {shorten(raw)} lets the value be zero or change its sign")
-            return None
-        return value
+        try:
+            value = parse_quantity(raw, "", {})
+        except QuantityError as error:
+            if error.code == "S202":
+                self.fault("S202", path, error.message)
+                return None
+            value = Fraction(-1)
+        if 0 <= value < 1:
+            return value
+        reason = "a tolerance of 100 % or more lets the value be zero" if value >= 1 else "not a share of the value"
+        self.fault("S209", path, f'{reason}: {shorten(raw)}; write for example "10 %"')
+        return None
 
-    def tolerance(self, kind: str, keys: str) -> tuple[Reader, Any]:
-        """A share for all of these keys, or a table with a share for each; the default is that of the spec."""
+    def tolerance(self, keys: str, default: Sequence[Fraction]) -> tuple[Reader, Any]:
+        """A share for all of these keys, or a table with a share for some; the others have the default."""
         names = keys.split()
 
         def read(raw: object, path: str) -> tuple[Fraction, ...] | None:
             if isinstance(raw, dict):
-                shares = list(self.table(raw, path, {key: (self.share, Fraction(0)) for key in names}).values())
+                schema = {key: (self.share, share) for key, share in zip(names, default, strict=True)}
+                shares = list(self.table(raw, path, schema).values())
             else:
                 shares = [self.share(raw, path)] * len(names)
             return None if None in shares else tuple(shares)
 
-        return read, (self.common_tolerance.get(kind, Fraction(0)),) * len(names)
+        return read, tuple(default)
+
+    def common_share(self, kind: str, count: int) -> list[Fraction]:
+        return [self.common_tolerance.get(kind) or Fraction(0)] * count
 
     def common(self, raw: object, path: str) -> dict[str, Any]:
         """The tolerances of all filters, lines and loads that have none of their own."""
@@ -264,12 +275,18 @@ class Decoder(TableReader):
             self.per_unit |= {"S": 1 / impedance, "H": impedance / self.w0, "F": 1 / (impedance * self.w0)}
 
     def filter(self, raw: object, path: str) -> Filter | None:
-        schema = {**self.impedances(">= 0", "> 0"), "tolerance": self.tolerance("filter", "R L C")}
+        schema = {
+            **self.impedances(">= 0", "> 0"),
+            "tolerance": self.tolerance("R L C", self.common_share("filter", 3)),
+        }
         values = self.table(raw, path, schema)
         return None if None in values.values() else Filter(*values.values())
 
     def line_type(self, raw: object, path: str) -> dict[str, Any]:
-        schema = {**self.impedances("> 0", ">= 0", "/m"), "tolerance": self.tolerance("line", "R L C")}
+        schema = {
+            **self.impedances("> 0", ">= 0", "/m"),
+            "tolerance": self.tolerance("R L C", self.common_share("line", 3)),
+        }
         return self.table(raw, path, schema)
 
     def controller(self, raw: object, path: str) -> Any:
@@ -298,9 +315,12 @@ class Decoder(TableReader):
         def gain(raw: object, path: str) -> Any:
             rows = _GAINS[kind][1](raw)
             if rows is None:
-                self.fault("S103", path, f"wrong shape: {shorten(raw)}")
+                self.fault("S103", path, f"expected {_SHAPES[kind]}, got {_size(raw)}")
                 return None
-            return [[formula(x, path) for x in row] for row in rows]
+            return [[formula(x, at(path, i, j)) for j, x in enumerate(row)] for i, row in enumerate(rows)]
+
+        def at(path: str, i: int, j: int) -> str:
+            return f"{path}[{i}][{j}]" if kind == "linear" else path
 
         def design(raw: object, path: str) -> dict[str, Any]:
             own = {**self.impedances(">= 0", "> 0", default=None), "frequency": (self.frequency, None)}
@@ -316,7 +336,10 @@ class Decoder(TableReader):
             shapes = [(len(gains[key]), len(gains[key][0])) for key in "FBC"]
             n = shapes[0][0]
             if shapes != [(n, n), (n, 2), (2, n)]:
-                self.fault("S103", path, f"the shapes of F, B and C do not fit together: {shapes}")
+                listed = ", ".join(
+                    f"{key} is {rows} x {width}" for key, (rows, width) in zip("FBC", shapes, strict=True)
+                )
+                self.fault("S103", path, f"F must be n x n, B n x 2 and C 2 x n, but {listed}")
         return None if len(self.faults) > before else (kind, values["design"], formulas, gains)
 
     def evaluate(self, name: str, filter_: Filter | None) -> Any:
@@ -337,7 +360,15 @@ class Decoder(TableReader):
             if scope[name] is None:
                 return None
         matrix = {
-            key: tuple(tuple(self.attempt(f"{path}.{key}", partial(f.evaluate, scope)) for f in row) for row in rows)
+            key: tuple(
+                tuple(
+                    self.attempt(
+                        f"{path}.{key}" + (f"[{i}][{j}]" if kind == "linear" else ""), partial(f.evaluate, scope)
+                    )
+                    for j, f in enumerate(row)
+                )
+                for i, row in enumerate(rows)
+            )
             for key, rows in gains.items()
         }
         if kind == "ida-pbc" and 0 in matrix["nu"][0]:
@@ -400,7 +431,7 @@ class Decoder(TableReader):
         schema: dict[str, tuple[Reader, Any]] = {"kind": (keep, None)}
         if kind == "rl":
             schema |= {key: value for key, value in self.impedances("> 0", "").items() if key != "C"}
-            table = self.table(raw, path, {**schema, "tolerance": self.tolerance("load", "R L")})
+            table = self.table(raw, path, {**schema, "tolerance": self.tolerance("R L", self.common_share("load", 2))})
             return SeriesBranch(table["R"], table["L"], table["tolerance"]), None
         schema["band"] = (self.band, None if self.common_band is REQUIRED else self.common_band)
         if self.common_band is REQUIRED and "band" not in raw:
@@ -411,7 +442,7 @@ class Decoder(TableReader):
         if kind == "zip":
             units = {"Y": ("S", "S"), "I": ("A", "A"), "P": ("W", "var")}
             schema |= {key: (self.pair(self.unit(a), self.unit(b)), (zero, zero)) for key, (a, b) in units.items()}
-            schema["tolerance"] = self.tolerance("load", "Y I P")
+            schema["tolerance"] = self.tolerance("Y I P", self.common_share("load", 3))
             table = self.table(raw, path, schema)
             if not units.keys() & raw.keys():
                 self.fault("S102", path, "a zip load needs at least one of Y, I, P")
@@ -419,7 +450,7 @@ class Decoder(TableReader):
         schema |= {"P0": (self.unit("W"), REQUIRED), "np": (self.exponent, REQUIRED)}
         schema |= {"Q0": (self.unit("var"), zero), "nq": (self.exponent, zero)}
         schema["V0"] = (self.unit("V", "> 0"), self.base_voltage or REQUIRED)
-        schema["tolerance"] = self.tolerance("load", "P0 Q0")
+        schema["tolerance"] = self.tolerance("P0 Q0", self.common_share("load", 2))
         table = self.table(raw, path, schema)
         if ("Q0" in raw) != ("nq" in raw):
             self.fault("S102", path, "Q0 and nq go together")
@@ -448,9 +479,8 @@ class Decoder(TableReader):
             schema["length"] = (self.unit("m", "> 0"), REQUIRED)
         else:
             schema |= self.impedances("> 0", ">= 0")
-        own, default = self.tolerance("line", "R L C")
         of_type = (self.types.get(table["type"]) or {}).get("tolerance") if isinstance(table.get("type"), str) else None
-        schema["tolerance"] = (own, of_type or default)
+        schema["tolerance"] = self.tolerance("R L C", of_type or self.common_share("line", 3))
         table = self.table(raw, path, schema)
         if table["from"] is not None and table["from"] == table["to"]:
             self.fault("S302", path, "the line starts and ends at the same node")
@@ -514,6 +544,19 @@ def _rectangle_rows(raw: object) -> list[list[Any]] | None:
     return raw if {len(row) for row in raw} <= {len(raw[0])} & set(range(1, MAX_STATES + 1)) else None
 
 
+def _size(raw: object) -> str:
+    """What stands in place of a matrix, in short."""
+    if not isinstance(raw, list):
+        return shorten(raw)
+    widths = sorted({len(row) if isinstance(row, list) else 0 for row in raw})
+    return f"{len(raw)} rows of {' and '.join(map(str, widths[:4])) or 'nothing'}"
+
+
+_SHAPES = {
+    "ida-pbc": "a number or a list [d, q]",
+    "state-feedback": "a number or [[dd, dq], [qd, qq]]",
+    "linear": f"rows of equal length, at most {MAX_STATES} of either",
+}
 _GAINS = {
     "ida-pbc": (("alpha", "nu", "ki"), _pair_rows),
     "state-feedback": (("K11", "K12", "K13"), _square_rows),

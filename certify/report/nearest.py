@@ -26,6 +26,8 @@ def suggestions(spec: str, verdict: Verdict) -> dict[str, Suggestion]:
         if kind != "dgu" or (claim.status != "refuted" and claim.rule != "index-storage"):
             continue
         dgu, key = context.nodes[name].dgu, context.key(name)
+        if len(context.corners(name)) > 1:
+            continue  # its tolerances are the reason, not its gains
         if dgu is None or (key not in memo and len(memo) >= MOST):
             continue
         if key not in memo:

@@ -44,10 +44,13 @@ def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str,
 
 def render_synthesis(result: Synthesis, spec: str, files: dict[str, str | None], colour: bool = False) -> str:
     """A fragment ready for a spec, then, as comments of TOML, what it achieves and whether it is certified."""
-    lines = [result.fragment] if result.fragment and result.met else []
+    lines = [result.fragment] if result.fragment else []
+    if lines and not result.met:
+        lines = ["# NOT CERTIFIED, the best that was found:", *lines]
     rows = [("", "before", "after", "")]
+    nominal = " with the filter's own values" if result.wish.tolerance else ""
     if result.rate_before is not None or result.rate is not None:
-        rows.append(("slowest mode decays at", _low(result.rate_before), _low(result.rate), "1/s (proved)"))
+        rows.append(("slowest mode decays at", _low(result.rate_before), _low(result.rate), "1/s (proved)" + nominal))
         rows.append(("settles to 2 % in", _time(result.rate_before), _time(result.rate), "s"))
     if result.gain_before is not None or result.gain is not None:
         rows.append(("largest gain", _number(result.gain_before), _number(result.gain), "SI"))

@@ -20,7 +20,7 @@ def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str,
     Raises: SpecError for bad input, or for files that cannot be written; Rejected.
     """
     check_targets(options)
-    of = tuple(options.of.split(",")) if options.of is not None else PARTS
+    of = tuple(dict.fromkeys(options.of.split(","))) if options.of is not None else PARTS
     result = largest_tolerance(read(options.spec), of, progress)
     if result.low is not None:
         write_results(options, result.spec, result.certificate.data)
@@ -38,13 +38,18 @@ def render_tolerance(result: LargestTolerance, options: argparse.Namespace, colo
     if result.low is None:
         outcome = result.certificate.verdict.outcome
         head = paint(outcome, colour, outcome.upper())
-        lines = [f"{head}: {options.spec} without any tolerance, so there is none to look for"]
+        lines = [f"{head}: {options.spec} with no tolerance of {parts} at all, so there is none to look for"]
     else:
         head = paint("certified", colour, "CERTIFIED")
         lines = [
             f"{head}: {options.spec} with all {parts} off by {to_percent(result.low)}",
             f"not certified with {to_percent(result.high)}",
         ]
+    if result.kept:
+        more = f" and {len(result.kept) - 6} more" if len(result.kept) > 6 else ""
+        lines.append(f"with a tolerance of their own, which they keep: {', '.join(result.kept[:6])}{more}")
+    if result.replaced is not None:
+        lines.append(f"in place of the spec's tolerance = {result.replaced}")
     if result.failing is not None:
         lines += open_claims(result.failing.verdict, result.failing.notes, colour)
     if result.low is not None and options.output is not None:
@@ -58,6 +63,8 @@ def tolerance_to_dict(result: LargestTolerance, options: argparse.Namespace, cod
     return {
         "spec": options.spec,
         "of": list(result.of),
+        "kept": list(result.kept),
+        "replaced": result.replaced,
         "certified": None if result.low is None else str(result.low),
         "not_certified": str(result.high),
         "open": [

@@ -162,7 +162,8 @@ def worst_frequencies(port: LinearPort) -> list[float]:
 
 
 def _candidates(response: Response) -> Iterator[Complex]:
-    yield from _around_poles(response)
+    if any(x >= 0 for x, _ in poles_of(response.F)):  # else the levels tell all
+        yield from _around_poles(response)
     for omega in _below_levels(response):
         size = omega or Fraction(1)
         for k in APPROACHES:

@@ -227,7 +227,7 @@ class Search:
             except RuleFailure:
                 return "P206"
             if len(self.context.corners(subject[1])) > 1:
-                return "P208"
+                return "P208" if self.context.port(subject[1]).capacitance_farad is not None else "P209"
         return REASONS[subject[0]]
 
 
