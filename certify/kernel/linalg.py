@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
+from math import lcm
 
 Vector = tuple[Fraction, ...]
 Matrix = tuple[Vector, ...]
@@ -134,13 +135,32 @@ def rank(a: Iterable[Sequence[Fraction]], columns: int) -> int:
 def solve(a: Matrix, b: Matrix) -> Matrix:
     """The X with A X = B for a square nonsingular A.
 
+    Fraction-free elimination (Bareiss): all divisions of integers below are exact, and no common divisors are sought.
     Raises: ZeroDivisionError if A is singular.
+
+    >>> solve(to_matrix([[2, 1], [1, 3]]), to_matrix([[1], ["1/2"]]))
+    ((Fraction(1, 2),), (Fraction(0, 1),))
     """
-    n = len(a)
-    rows, pivots = row_reduce([r + s for r, s in zip(a, b, strict=True)], n)
-    if len(pivots) < n:
-        raise ZeroDivisionError("the matrix is singular")
-    return tuple(tuple(row[n:]) for row in rows)
+    n, rows = len(a), []
+    for left, right in zip(a, b, strict=True):
+        common = lcm(*(x.denominator for x in left + right))
+        rows.append([x.numerator * (common // x.denominator) for x in left + right])
+    width, before = len(rows[0]), 1
+    for k in range(n):
+        found = next((i for i in range(k, n) if rows[i][k]), None)
+        if found is None:
+            raise ZeroDivisionError("the matrix is singular")
+        rows[k], rows[found] = rows[found], rows[k]
+        top, pivot = rows[k], rows[k][k]
+        for i in range(k + 1, n):
+            factor = rows[i][k]
+            rows[i][k + 1 :] = [(pivot * rows[i][j] - factor * top[j]) // before for j in range(k + 1, width)]
+        before = pivot
+    scaled: list[list[int]] = [[]] * n  # the last pivot times X, which is integer by Cramer's rule
+    for i in reversed(range(n)):
+        rest = [sum(rows[i][j] * scaled[j][c] for j in range(i + 1, n)) for c in range(width - n)]
+        scaled[i] = [(before * x - y) // rows[i][i] for x, y in zip(rows[i][n:], rest, strict=True)]
+    return tuple(tuple(Fraction(x, before) for x in row) for row in scaled)
 
 
 def null_space(a: Iterable[Sequence[Fraction]], columns: int) -> tuple[Vector, ...]:
