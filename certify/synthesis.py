@@ -33,6 +33,7 @@ from certify.search.synthesis import (
     find_design,
     largest_gain,
     to_decimal,
+    to_percent,
 )
 
 SETTLED = 4  # time constants until a mode has decayed to 2 %: exp(-4) = 1.8 %
@@ -131,7 +132,7 @@ def read_wish(
         faults.append(Fault("U001", "--kind", f"{shorten(kind)} is none of: {', '.join(KINDS)}"))
     if faults:
         raise SpecError(tuple(faults))
-    text = None if share is None else f"{to_decimal(100 * share)} %"
+    text = None if share is None else to_percent(share)
     return Wish(kind, SETTLED / time if time else rate, gain, text, share or Fraction(0))
 
 
@@ -208,14 +209,10 @@ def edited(spec: bytes, edit: Edit) -> bytes:
 
     Raises: SpecError U001 if the file is laid out such that the editor cannot do it.
     """
-    plain, styled = read_document(edit.fragment.encode()), None
 
     def apply(document: Any) -> Any:
-        nonlocal styled
-        if type(document) is dict:
-            return _apply(document, plain, edit)
-        styled = styled or parse_toml(edit.fragment)
-        return _apply(document, styled, edit)
+        plain = type(document) is dict  # else a document of tomlkit, and the fragment is one too
+        return _apply(document, read_document(edit.fragment.encode()) if plain else parse_toml(edit.fragment), edit)
 
     return edit_spec(spec, apply)
 
@@ -425,14 +422,14 @@ def _why_not_certified(
 
     def certified(part: int) -> bool:
         share = wish.tolerance_share * part / PARTS
-        trial = replace(edit, tolerance=f"{to_decimal(100 * share)} %" if part else None)
+        trial = replace(edit, tolerance=to_percent(share) if part else None)
         return prove(edited(spec, trial), progress).verdict.outcome == "certified"
 
     low, high = 0, PARTS
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (middle, high) if certified(middle) else (low, middle)
-    step = f"{to_decimal(100 * wish.tolerance_share / PARTS)} %"
+    step = to_percent(wish.tolerance_share / PARTS)
     if low:
         most = to_decimal(100 * wish.tolerance_share * low / PARTS)
         yield f"the largest tolerance that could be certified is {most} % (in steps of {step}), with the gains above"

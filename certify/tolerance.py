@@ -13,6 +13,7 @@ from certify.editing import edit_spec, to_json, toml_value
 from certify.inputs import decode_all
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.reader import read_document
+from certify.search.synthesis import to_percent
 
 PARTS = ("filter", "line", "load")
 STEP = Fraction(1, 1000)  # the width of the bracket
@@ -57,30 +58,25 @@ def largest_tolerance(
     before = document.get("tolerance")
     replaced = None if before is None else toml_value(before)
 
+    proofs = 0
+
     def trial(share: Fraction, refute: bool = False) -> Certificate:
         """Of the spec with this share; a JSON document of the same meaning does."""
+        nonlocal proofs
+        proofs += 1
+        if progress:
+            progress(min(proofs, 12), 12)
         text = to_json(with_tolerance(copy.deepcopy(document), of, share), "{").encode()
         return prove(text, refute=refute)
 
     steps = int(1 / STEP)
     low, high = 0, steps
-    proofs = 0
-
-    def certified(step: int) -> tuple[bool, Certificate]:
-        nonlocal proofs
-        result = trial(step * STEP)
-        proofs += 1
-        if progress:
-            progress(min(proofs, 12), 12)
-        return result.verdict.outcome == "certified", result
-
-    holds, found = certified(0)
-    if not holds:
-        found = trial(Fraction(0), refute=True)
+    found = trial(Fraction(0), refute=True)
+    if found.verdict.outcome != "certified":
         return LargestTolerance(of, kept, replaced, None, STEP, spec, found, found)
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (middle, high) if certified(middle)[0] else (low, middle)
+        low, high = (middle, high) if trial(middle * STEP).verdict.outcome == "certified" else (low, middle)
     failing = trial(high * STEP, refute=True) if high < steps else None
     text = edit_spec(spec, lambda document: with_tolerance(document, of, low * STEP))
     return LargestTolerance(of, kept, replaced, low * STEP, high * STEP, text, prove(text), failing)
@@ -103,17 +99,6 @@ def with_tolerance(document: Any, of: tuple[str, ...], share: Fraction) -> Any:
     else:  # before the first table, where it belongs
         document.update({"tolerance": table})
     return document
-
-
-def to_percent(share: Fraction) -> str:
-    """As the spec writes it.
-
-    >>> to_percent(Fraction(123, 1000))
-    '12.3 %'
-    """
-    tenths = share * 1000
-    whole, rest = divmod(int(tenths), 10)
-    return f"{whole}.{rest} %" if rest else f"{whole} %"
 
 
 def _require_parts(document: Any, of: tuple[str, ...]) -> tuple[str, ...]:

@@ -11,7 +11,8 @@ from certify.inputs import read
 from certify.report.files import check_targets, write_results
 from certify.report.text import open_claims, paint
 from certify.search.prove import Progress
-from certify.tolerance import PARTS, LargestTolerance, largest_tolerance, to_percent
+from certify.search.synthesis import to_percent
+from certify.tolerance import PARTS, LargestTolerance, largest_tolerance
 
 
 def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str, int]) -> int:

@@ -17,18 +17,10 @@ def unstable_cancellation(loop: LinearLoop) -> str | None:
         reached = exact.spanned(matrix, start)
         if reached.ncols() == matrix.nrows():
             continue
-        found = _largest_real_part(_quotient(matrix, reached))
+        found = _largest_real_part(exact.quotient(matrix, reached))
         if found is not None:
             return f"F has a growing mode that {what}: an eigenvalue with real part {found:.6g} 1/s"
     return None
-
-
-def _quotient(matrix: Exact, subspace: Exact) -> Exact:
-    """What is left of a matrix beside an invariant subspace."""
-    T = exact.block([[subspace, exact.complement(subspace)]])
-    inner, k = T.inv() * matrix * T, subspace.ncols()
-    n = matrix.nrows()
-    return exact.of_rows([[inner[i, j] for j in range(k, n)] for i in range(k, n)], n - k)
 
 
 def _largest_real_part(matrix: Exact) -> float | None:

@@ -18,7 +18,7 @@ from certify.search.exact import Exact
 from certify.search.facial import Family, Vectors
 from certify.search.lmi import balance, round_float, to_float
 from certify.search.proposal import to_rows, to_text
-from certify.search.solvers import Block, largest_margin
+from certify.search.solvers import Block, largest_margin, symmetric_units
 from certify.search.spectral import (
     Riccati,
     axis_factors,
@@ -40,33 +40,27 @@ def find_unreached_mode(port: LinearPort) -> dict[str, Any] | None:
     mode leaves room for rounding: there W is sought in the span of that mode and of what inputs reach.
     """
     F, B, C = (exact.to_flint(a) for a in (port.F, port.B, port.C))
-    n = F.nrows()
     reached = exact.spanned(F, B)
-    k = reached.ncols()
-    if k == n:
+    if reached.ncols() == F.nrows():
         return None
-    T = exact.block([[reached, exact.complement(reached)]])
-    inner = T.inv() * F * T
-    rest = fmpq_mat(n - k, n - k, [inner[i, j] for i in range(k, n) for j in range(k, n)])
-    for g, _ in rest.charpoly().numer().factor()[1]:
+    for g, _ in exact.quotient(F, reached).charpoly().numer().factor()[1]:
         signs = {0 if z.real == 0 or z.real.contains(0) else 1 if z.real > 0 else -1 for z, _ in g.complex_roots()}
         V = exact.null_space(polynomial_at(g, F))
         if len(signs) > 1 or -1 in signs or V.ncols() != g.degree() or (C * V).rank() == 0:
             continue
         A = exact.solve_columns(V, F * V)
         if 1 in signs:
-            found = _growing(F, B, C, exact.block([[reached, V]])) or _answered(F, B, C, V, _lyapunov(A))
+            found = _growing(F, B, C, exact.block([[reached, V]])) or _answered(F, B, C, V, A, _lyapunov(A))
         else:
-            found = _answered(F, B, C, V, conserved(A, g))
+            found = _answered(F, B, C, V, A, conserved(A, g))
         if found:
             W, Y = found
             return {"faces": [], "W": to_rows(exact.from_flint(W)), "Y": to_rows(exact.from_flint(Y)), "y": []}
     return None
 
 
-def _answered(F: Exact, B: Exact, C: Exact, V: Exact, Omega: Exact) -> tuple[Exact, Exact] | None:
-    """W and Y from the exact answer Pi to the mode, for a gain k small enough."""
-    A = exact.solve_columns(V, F * V)
+def _answered(F: Exact, B: Exact, C: Exact, V: Exact, A: Exact, Omega: Exact) -> tuple[Exact, Exact] | None:
+    """W and Y from the exact answer Pi to the mode v' = A v, for a gain k small enough."""
     n, k = F.nrows(), A.nrows()
     right = fmpq_mat(n * k, 1, (-(B * C * V)).entries())
     x = exact.solve_any(_linear_map(n, k, lambda X: X * A - F * X), right)
@@ -96,18 +90,16 @@ def _growing(F: Exact, B: Exact, C: Exact, T: Exact) -> tuple[Exact, Exact] | No
     q, m = A.nrows(), G.ncols()
     try:
         d = balance(Riccati(A, G, exact.identity(m), S, A * 0))
-        D = exact.to_flint([[x if i == j else Fraction(0) for j in range(q)] for i, x in enumerate(d)])
+        D = exact.diagonal(d)
         A_f, G_f, S_f = to_float(D.inv() * A * D), to_float(D.inv() * G), to_float(S * D)
     except OverflowError:
         return None
     A_f, G_f, S_f = (a / max(float(numpy.abs(a).max()), 1e-300) for a in (A_f, G_f, S_f))
-    pairs = [(i, j) for i in range(q) for j in range(i, q)]
+    pairs, units = symmetric_units(q)
     count = len(pairs) + q * m
     storage, rate, power = (numpy.zeros((count, k, k)) for k in (q, q, 1))
-    for k, (i, j) in enumerate(pairs):
-        storage[k, i, j] = storage[k, j, i] = 1.0
-        half = A_f @ storage[k]
-        rate[k] = half + half.T
+    half = A_f @ units
+    storage[: len(pairs)], rate[: len(pairs)] = units, half + half.transpose(0, 2, 1)
     for k in range(q * m):
         Y = numpy.zeros((q, m))
         Y[divmod(k, m)] = 1.0
@@ -135,7 +127,7 @@ def _ratio(A: Exact, G: Exact, D: Exact) -> Any:
     """max |A| / max |G| in scaled states, as a rational."""
     largest = [max(abs(x) for x in a.entries()) for a in (D.inv() * A * D, D.inv() * G)]
     ratio = round_float(float(exact.to_fraction(largest[0]) / exact.to_fraction(largest[1])), 3)
-    return fmpq(ratio.numerator, ratio.denominator)
+    return exact.rational(ratio)
 
 
 def _linear_map(n: int, k: int, image: Any) -> Exact:
@@ -252,7 +244,7 @@ class Equations:
         size = len(self.index) + (trace is not None)
         right = [*self._upper(target), *([] if trace is None else [trace])]
         rows = [[column[i] for column in self.columns] for i in range(size)]
-        x = solve_sparse(rows, right)
+        x = exact.solve_any(exact.of_rows(rows, len(self.columns)), fmpq_mat(size, 1, right))
         if x is None:
             return None
         values = exact.from_flint(x)
@@ -261,10 +253,3 @@ class Equations:
         Y = tuple(tuple(flat[a * m : (a + 1) * m]) for a in range(n))
         rest = flat[n * m :]
         return to_rows(Y), to_rows(tuple(tuple(rest[f * n : (f + 1) * n]) for f in range(self.vectors)))
-
-
-def solve_sparse(rows: list[list[Any]], right: list[Any]) -> Exact | None:
-    """Some x with A x = b."""
-    width = len(rows[0])
-    a = fmpq_mat(len(rows), width, [x for row in rows for x in row])
-    return exact.solve_any(a, fmpq_mat(len(right), 1, right))

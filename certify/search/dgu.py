@@ -32,10 +32,8 @@ def propose_dgu(port: LinearPort) -> Iterator[Proposal]:
     witness = find_coarse_witness(response)
     if witness:
         yield refutation(witness)
-    reduction = None
     if part is None:
-        reduction = reduce_port(port)
-        P = find_storage(port, reduction)
+        P = find_storage(port, reduce_port(port))
         if P is not None:
             below = P if port.capacitance_farad is None else tuple(row[2:] for row in P[2:])
             yield Proposal("proved", "quadratic-storage", {"storage": to_rows(below)})
@@ -105,9 +103,9 @@ def find_storage(port: LinearPort, family: Family) -> Matrix | None:
             return False
         return True
 
-    for V, image in () if family.is_free() else hidden_undamped_modes(family):
-        family.choose(V, image)
     if family.point is None or family.obstacle is not None or family.crosses or grows(port):
         return None
+    for V, image in () if family.is_free() else hidden_undamped_modes(family):
+        family.choose(V, image)
     found = solve_free(reduce_to_riccati(family), accept) if family.is_free() else None
     return found or solve_family(family, accept)

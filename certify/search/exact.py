@@ -34,6 +34,11 @@ def of_rows(rows: Sequence[Sequence[Any]], width: int) -> Exact:
     return fmpq_mat(len(rows), width, [x for row in rows for x in row])
 
 
+def rational(x: Fraction) -> Any:
+    """A number in FLINT."""
+    return fmpq(x.numerator, x.denominator)
+
+
 def to_fraction(x: Any) -> Fraction:
     return Fraction(int(x.p), int(x.q))
 
@@ -103,6 +108,13 @@ def spanned(F: Exact, B: Exact) -> Exact:
         if grown.ncols() == found.ncols():
             return found
         found = grown
+
+
+def quotient(F: Exact, subspace: Exact) -> Exact:
+    """What is left of F beside an invariant subspace, given by independent columns."""
+    T = block([[subspace, complement(subspace)]])
+    inner, n, k = T.inv() * F * T, F.nrows(), subspace.ncols()
+    return of_rows([[inner[i, j] for j in range(k, n)] for i in range(k, n)], n - k)
 
 
 def solve_columns(V: Exact, right: Exact) -> Exact:

@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+from flint import fmpq_mat
+
 from certify.kernel.linalg import Matrix, Vector, ldl_pivots
 from certify.kernel.model import LinearPort
 from certify.search import exact
@@ -42,6 +44,7 @@ class Family:
         self.obstacle: tuple[bool, Vector] | None = None  # of storage or not, and the direction
         self.crosses = False  # set if some frequency shows that no storage matrix is left
         self.point: Exact | None = None
+        self._known: tuple[Exact, Exact] | None = None  # kept until the equations change
         self.free: list[int] = []  # entries of P that the equations leave free
         self.samples: list[Exact] = []  # combinations of the directions at random: what holds for them holds for all
         # What is left of the equations: rows of a reduced echelon form, the right side last.
@@ -59,8 +62,6 @@ class Family:
 
     def _impose(self, images: Sequence[tuple[Exact, Exact]], dissipation: Exact | None = None) -> None:
         """Add P X = Y for each (X, Y), and M u = 0 for each column u of `dissipation`."""
-        from flint import fmpq_mat
-
         size = len(self.index)
         entries: list[object] = []
         count = 0
@@ -82,7 +83,7 @@ class Family:
         rows = echelon.tolist()[:rank]
         self.reduced = fmpq_mat(rank, size + 1, [x for row in rows for x in row])
         pivots = [next(j for j in range(size + 1) if row[j] != 0) for row in rows]
-        self.point, self.samples, self.free = None, [], []
+        self.point, self.samples, self.free, self._known = None, [], [], None
         if size in pivots:
             return
         self.free = [j for j in range(size) if j not in set(pivots)]
@@ -107,8 +108,6 @@ class Family:
         return [self._direction({j: 1}) for j in self.free]
 
     def _matrix(self, entries: dict[int, object]) -> Exact:
-        from flint import fmpq_mat
-
         n = self.n
         flat = [entries.get(self.index[min(i, j), max(i, j)], 0) for i in range(n) for j in range(n)]
         return fmpq_mat(n, n, flat)
@@ -119,15 +118,13 @@ class Family:
 
     def known(self) -> tuple[Exact, Exact]:
         """A basis K (columns) of the vectors whose image P K is the same all over the family, and that image."""
-        from flint import fmpq_mat
-
         if self.point is None:
             raise ValueError("the family is empty")
-        if not self.free:
-            return exact.identity(self.n), self.point
-        flat = [x for D in self.samples for x in D.entries()]
-        K = exact.null_space(fmpq_mat(self.n * len(self.samples), self.n, flat))
-        return K, self.point * K
+        if self._known is None:
+            flat = [x for D in self.samples for x in D.entries()]
+            K = exact.null_space(fmpq_mat(self.n * len(self.samples), self.n, flat))
+            self._known = K, self.point * K
+        return self._known
 
     def reduce_known(self) -> bool:
         """Impose what the constant parts of M and P force, to the end. False if no storage matrix is left."""

@@ -11,10 +11,9 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
-
-from flint import fmpq
 
 from certify.kernel.model import LinearPort
 from certify.search import exact
@@ -49,10 +48,18 @@ class Response:
     def of(port: LinearPort) -> Response:
         return Response(port, exact.to_flint(port.F), exact.to_flint(port.B), exact.to_flint(port.C))
 
+    @cached_property
+    def poles(self) -> list[Complex]:
+        """Real and imaginary parts of the eigenvalues of F, as rationals of many digits."""
+        return [(_middle(root.real), _middle(root.imag)) for root, _ in self.F.charpoly().numer().complex_roots()]
+
+    def is_stable(self) -> bool:
+        return all(x < 0 for x, _ in self.poles)
+
     def hermitian(self, s0: Complex) -> tuple[Fraction, ...] | None:
         """(a,) or (a, c, re b, im b) of (Z + Z*)/2 = [[a, b], [conj b, c]] at s0; None at an eigenvalue of F."""
         n, m = self.F.nrows(), self.C.nrows()
-        sigma, omega = (fmpq(x.numerator, x.denominator) for x in s0)
+        sigma, omega = (exact.rational(x) for x in s0)
         one = exact.identity(n)
         inner, turn = one * sigma - self.F, one * omega
         try:
@@ -162,17 +169,12 @@ def worst_frequencies(port: LinearPort) -> list[float]:
 
 
 def _candidates(response: Response) -> Iterator[Complex]:
-    if any(x >= 0 for x, _ in poles_of(response.F)):  # else the levels tell all
+    if not response.is_stable():  # else the levels tell all
         yield from _around_poles(response)
     for omega in _below_levels(response):
         size = omega or Fraction(1)
         for k in APPROACHES:
             yield size / 10**k, omega
-
-
-def poles_of(F: Exact) -> list[Complex]:
-    """Real and imaginary parts of the eigenvalues of F, as rationals of many digits."""
-    return [(_middle(root.real), _middle(root.imag)) for root, _ in F.charpoly().numer().complex_roots()]
 
 
 def _middle(x: Any) -> Fraction:
@@ -188,7 +190,7 @@ _COMPASS = tuple(
 
 def _around_poles(response: Response) -> Iterator[Complex]:
     """Points around each pole that is not well inside the left half-plane: there Z turns to any direction."""
-    poles = [(x, y) for x, y in poles_of(response.F) if y >= 0]
+    poles = [(x, y) for x, y in response.poles if y >= 0]
     for k in (1, 2, 4, 8, 16, 40):
         for x, y in poles:
             size = max(abs(x), abs(y)) or Fraction(1)
@@ -199,11 +201,10 @@ def _around_poles(response: Response) -> Iterator[Complex]:
                 yield round_to_digits(point[0], k + 1), round_to_digits(point[1], k + 1)
 
 
-def level_hamiltonian(response: Response, level: Fraction) -> Exact:
-    """H(eps) of the inequality [[M, C' - P B], [., 2 eps I]] >= 0."""
-    m = response.C.nrows()
-    N = exact.identity(m) * fmpq((2 * level).numerator, (2 * level).denominator)
-    return Riccati(response.F, response.B, N, -response.C, response.F * 0).hamiltonian()
+def level_riccati(response: Response, level: Fraction) -> Riccati:
+    """The inequality [[M, C' - P B], [., 2 eps I]] >= 0, eps being the level in ohm."""
+    N = exact.identity(response.C.nrows()) * exact.rational(2 * level)
+    return Riccati(response.F, response.B, N, -response.C, response.F * 0)
 
 
 def crossings(H: Exact) -> list[Fraction]:
@@ -233,8 +234,8 @@ def between(frequencies: list[Fraction]) -> Iterator[Fraction]:
 def _below_levels(response: Response) -> Iterator[Fraction]:
     size = typical_size(response)
     for exponent in LEVELS:
-        H = level_hamiltonian(response, size / Fraction(10) ** exponent)
-        yield from between(crossings(H))
+        riccati = level_riccati(response, size / Fraction(10) ** exponent)
+        yield from between(crossings(riccati.hamiltonian()))
 
 
 def typical_size(response: Response) -> Fraction:

@@ -12,11 +12,11 @@ from fractions import Fraction
 from itertools import chain
 from typing import Any
 
-from certify.kernel.linalg import Matrix
+from certify.kernel.linalg import Matrix, ldl_pivots
 from certify.search import exact
 from certify.search.exact import Exact
 from certify.search.facial import Family
-from certify.search.solvers import BOUNDS
+from certify.search.solvers import BOUNDS, Block, largest_margin, symmetric_units
 from certify.search.spectral import Reduced, Riccati, riccati_candidates
 
 ROUNDINGS = (3, 6, 10, 14)  # decimal digits kept of a solver's point, the fewest first: short certificates
@@ -136,12 +136,10 @@ def balanced_candidates(
     """Points of a solver for [[N, -(G'X + S)], [., -(A'X + XA + Q)]] >= 0 and P > 0, with the scales of the states."""
     import numpy
 
-    from certify.search.solvers import Block, largest_margin
-
     riccati = reduced.riccati
     try:
         d = balance(riccati)
-        D = exact.to_flint([[x if i == j else Fraction(0) for j in range(len(d))] for i, x in enumerate(d)])
+        D = exact.diagonal(d)
         inverse = D.inv()
         A, G = to_float(inverse * riccati.A * D), to_float(inverse * riccati.G)
         S, Q, N = to_float(riccati.S * D), to_float(D * riccati.Q * D), to_float(riccati.N)
@@ -154,10 +152,7 @@ def balanced_candidates(
         G, S = G @ factor.T, factor @ S
     rate = max(numpy.abs(A).max(), (numpy.abs(G) ** 2).max() if w else 0.0, numpy.abs(S).max() if w else 0.0, 1e-300)
     A, G, S, Q = A / rate, G / rate**0.5, S / rate**0.5, Q / rate
-    pairs = [(i, j) for i in range(r) for j in range(i, r)]
-    units = numpy.zeros((len(pairs), r, r))
-    for k, (i, j) in enumerate(pairs):
-        units[k, i, j] = units[k, j, i] = 1.0
+    pairs, units = symmetric_units(r)
     dissipated = -(numpy.einsum("ji,kjl->kil", A, units) + numpy.einsum("kij,jl->kil", units, A))
     coefficients = numpy.zeros((len(pairs), w + r, w + r))
     coefficients[:, w:, w:] = dissipated
@@ -190,7 +185,6 @@ def solve_family(family: Family, accept: Accept) -> Matrix | None:
 
 def _along_lossless_directions(family: Family) -> Iterator[Exact]:
     """Far along directions that are >= 0 and dissipate nothing, if there are any: M stays, P only grows."""
-    from certify.kernel.linalg import ldl_pivots
 
     def is_free(D: Exact) -> bool:
         return all(x == 0 for x in family.dissipation(D).entries()) and ldl_pivots(exact.from_flint(D))[1]
@@ -199,15 +193,13 @@ def _along_lossless_directions(family: Family) -> Iterator[Exact]:
     for exponent in range(-3, 16, 3) if free else ():
         P = family.point
         for D in free:
-            P = P + D * exact.to_flint([[Fraction(10) ** exponent]])[0, 0]
+            P = P + D * exact.rational(Fraction(10) ** exponent)
         yield P
 
 
 def _coordinates(family: Family) -> Iterator[Exact]:
     """Points of a solver in the coordinates of the family, M cut to where it is not forced to vanish."""
     import numpy
-
-    from certify.search.solvers import Block, largest_margin
 
     directions = family.directions
     parts = [family.point, *directions]
@@ -237,7 +229,7 @@ def _coordinates(family: Family) -> Iterator[Exact]:
         for digits in ROUNDINGS:
             P = family.point
             for value, u, direction in zip(point[:-1], unit, directions, strict=True):
-                P = P + direction * exact.to_flint([[round_float(float(value) / u, digits)]])[0, 0]
+                P = P + direction * exact.rational(round_float(float(value) / u, digits))
             yield P
 
 

@@ -81,15 +81,8 @@ def _strongly(laws: list[LoadLaw], band: Pair) -> Iterator[Proposal]:
 
 def smallest_eigenvalue(law: LoadLaw, v: Fraction) -> float:
     """Of the symmetric part of the Jacobian at one voltage, in siemens and in floats."""
-    G, D = determinant_value(law, v)
-    trace = G + (D + _cross(law, v)) / G if G else 0.0
-    return (trace - math.sqrt(max(trace * trace - 4 * D, 0.0))) / 2
-
-
-def _cross(law: LoadLaw, v: Fraction) -> float:
-    """(v B')^2 / 4 in floats."""
-    without = LoadLaw(law.active, ())
-    return determinant_value(without, v)[1] - determinant_value(law, v)[1]
+    G, radial, cross = jacobian_value(law, v)
+    return (G + radial) / 2 - math.hypot((radial - G) / 2, cross / 2)
 
 
 def find_cells(law: LoadLaw, band: Pair) -> list[Fraction] | None:
@@ -110,8 +103,8 @@ def find_cells(law: LoadLaw, band: Pair) -> list[Fraction] | None:
     return None
 
 
-def determinant_value(law: LoadLaw, v: Fraction) -> tuple[float, float]:
-    """G and D at one voltage, in floats: for looking around only."""
+def jacobian_value(law: LoadLaw, v: Fraction) -> tuple[float, float, float]:
+    """G, G + v G' and v B' at one voltage, in floats: for looking around only."""
 
     def total(terms: tuple[PowerTerm, ...], weight: int) -> float:
         x = float(v)
@@ -119,10 +112,15 @@ def determinant_value(law: LoadLaw, v: Fraction) -> tuple[float, float]:
         return math.fsum(value * (float(t.exponent) - weight if weight else 1.0) for t, value in parts)
 
     try:
-        G = total(law.active, 0)
-        return G, G * total(law.active, 1) - total(law.reactive, 2) ** 2 / 4
+        return total(law.active, 0), total(law.active, 1), -total(law.reactive, 2)
     except OverflowError:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
+
+
+def determinant_value(law: LoadLaw, v: Fraction) -> tuple[float, float]:
+    """G and D at one voltage, in floats."""
+    G, radial, cross = jacobian_value(law, v)
+    return G, G * radial - cross**2 / 4
 
 
 def find_violations(law: LoadLaw, band: Pair) -> list[Fraction]:

@@ -15,6 +15,7 @@ from certify.kernel.spec import Microgrid
 from certify.search.dgu import propose_dgu
 from certify.search.loads import propose_load
 from certify.search.proposal import Proposal
+from certify.search.roots import magnitude
 
 # Why a claim of this kind stays open, as a code of `certify explain`.
 REASONS = {
@@ -173,7 +174,7 @@ class Search:
         branches = [b.resistance_ohm for b in self.context.nodes[node].branches]
         branches += [line.branch.resistance_ohm for line in self.context.lines_at[node]]
         share = min(branches, default=Fraction(1)) / (100 * max(len(branches), 1))
-        return Fraction(10) ** (len(str(share.numerator // share.denominator)) - 1 if share >= 1 else -_decimals(share))
+        return Fraction(10) ** magnitude(share)
 
     def _give_up_shortages(self, island: tuple[str, ...]) -> None:
         """Of DGUs whose shortage is of no use, say that they are not passive - where that is refuted."""
@@ -229,14 +230,6 @@ class Search:
             if len(self.context.corners(subject[1])) > 1:
                 return "P208" if self.context.port(subject[1]).capacitance_farad is not None else "P209"
         return REASONS[subject[0]]
-
-
-def _decimals(x: Fraction) -> int:
-    """The k with 10^-k <= x < 10^(1-k), for 0 < x < 1."""
-    k = 0
-    while x < 1:
-        x, k = x * 10, k + 1
-    return k
 
 
 def _until_exhausted(proposals: Iterator[Proposal]) -> Iterator[Proposal]:

@@ -21,6 +21,16 @@ def round_to_digits(x: Fraction, digits: int) -> Fraction:
     return round(x / unit) * unit
 
 
+def magnitude(x: Fraction) -> int:
+    """The exponent of the leading decimal digit of x != 0.
+
+    >>> magnitude(Fraction(1234)), magnitude(Fraction(-1, 50))
+    (3, -2)
+    """
+    exponent = len(str(abs(x.numerator))) - len(str(x.denominator))
+    return exponent if abs(x) >= Fraction(10) ** exponent else exponent - 1
+
+
 def square_root(x: Fraction, digits: int = 0) -> Fraction:
     """The square root of x >= 0, below it by less than one part in 10^digits."""
     shift = 4 * digits + 8

@@ -25,16 +25,15 @@ from certify.search.frequency import (
     find_coarse_witness,
     find_witness,
     is_semidefinite,
-    level_hamiltonian,
-    poles_of,
+    level_riccati,
     power_of,
     worst_frequencies,
 )
 from certify.search.lmi import LONG_ROUNDINGS, ROUNDINGS, find_solution, round_float, to_float
 from certify.search.proposal import Proposal, to_rows
 from certify.search.roots import round_to_digits, square_root
-from certify.search.solvers import Block, box, largest_margin, minimise
-from certify.search.spectral import Reduced, Riccati
+from certify.search.solvers import Block, box, largest_margin, minimise, symmetric_units
+from certify.search.spectral import Reduced
 
 ABOVE = Fraction(102, 100)  # how far above the shortage found a level is tried
 APPROACHES = (3, 6, 12, 24)  # decimal digits by which the witness comes near the imaginary axis
@@ -58,7 +57,7 @@ def least_power(form: tuple[Fraction, ...]) -> Fraction:
 
 def find_shortage(response: Response) -> Shortage | None:
     """The shortage of a stable port that is not passive, by level sets; None if there is none, or no finite one."""
-    if any(x >= 0 for x, _ in poles_of(response.F)):
+    if not response.is_stable():
         return None
     found: tuple[Fraction, Fraction] | None = None  # shortage and frequency
 
@@ -81,7 +80,7 @@ def find_shortage(response: Response) -> Shortage | None:
     for _ in range(20):
         level = round_to_digits(found[0] * ABOVE, 2)
         level = level if level > found[0] else round_to_digits(found[0] * ABOVE, 4)
-        frequencies = crossings(level_hamiltonian(response, level))
+        frequencies = crossings(level_riccati(response, level).hamiltonian())
         if not frequencies:
             witness = _witness(response, found[1], found[0])
             return Shortage(level, witness) if witness else None
@@ -146,7 +145,7 @@ def propose_index(port: LinearPort, smallest: Fraction | None = None) -> Iterato
     response = Response.of(port)
     shortage = find_shortage(response)
     if shortage is None:
-        if smallest is not None and all(x < 0 for x, _ in poles_of(response.F)):
+        if smallest is not None and response.is_stable():
             P0 = find_index_storage(response, smallest)
             if P0 is not None:
                 yield Proposal("proved", "index-storage", {"shortage": str(smallest), "storage": to_rows(P0)})
@@ -162,9 +161,7 @@ def propose_index(port: LinearPort, smallest: Fraction | None = None) -> Iterato
 
 def find_index_storage(response: Response, level: Fraction) -> Matrix | None:
     """P0 of the rule `index-storage` for one port and one shortage, or None."""
-    n, m = response.F.nrows(), response.C.nrows()
-    N = exact.identity(m) * exact.to_flint([[2 * level]])[0, 0]
-    riccati = Riccati(response.F, response.B, N, -response.C, response.F * 0)
+    n, riccati = response.F.nrows(), level_riccati(response, level)
     nothing = fmpq_mat(n, 0, [])
     empty = fmpq_mat(0, 0, [])
     reduced = Reduced(riccati, nothing, exact.identity(n), empty, fmpq_mat(0, n, []), empty)
@@ -209,7 +206,7 @@ def refute_corners(ports: dict[str, LinearPort]) -> Iterator[Proposal]:
     found: list[tuple[Fraction, str, Witness]] = []
     for signs, port in ports.items():
         response = Response.of(port)
-        unstable = any(x >= 0 for x, _ in poles_of(response.F))
+        unstable = not response.is_stable()
         shortage = None if unstable else find_shortage(response)
         witness = shortage.witness if shortage else find_coarse_witness(response) or find_witness(response)
         if witness:
@@ -275,10 +272,7 @@ class BoxProgram:
         self.scale = kappa
         weight = 1 / numpy.sqrt(2 * rates)
         mu = float(numpy.sqrt(rates).max()) / into
-        self.pairs = [(i, j) for i in range(self.n) for j in range(i, self.n)]
-        entries = numpy.zeros((len(self.pairs), self.n, self.n))
-        for k, (i, j) in enumerate(self.pairs):
-            entries[k, i, j] = entries[k, j, i] = 1.0
+        self.pairs, entries = symmetric_units(self.n)
         self.corners = []
         for F, B, C, E in plain:
             F_y, B_y, C_y = inverse @ F @ self.T, inverse @ B, C @ self.T

@@ -33,11 +33,10 @@ USABLE = {
 
 @dataclass(frozen=True)
 class Block:
-    """constant + sum_k x_k coefficients[k] - weight * margin * I >= 0. Arrays of shape (n, n) and (variables, n, n)."""
+    """constant + sum_k x_k coefficients[k] >= 0. Arrays of shape (n, n) and (variables, n, n)."""
 
     constant: Any
     coefficients: Any
-    weight: float = 1.0
 
 
 BOUNDS = (1e3, 1e6, 1e9)  # on scaled unknowns; no single one suits all
@@ -50,8 +49,10 @@ def largest_margin(
 
     Shape: (variables + 1,), the margin last.
     """
+    import numpy
+
     variables = len(blocks[0].coefficients)
-    cost = _unit(variables + 1, variables, -1.0)
+    cost = -numpy.eye(variables + 1)[-1]
     widened = [_with_margin(block) for block in blocks]
     for bound in bounds:
         point = minimise(cost, widened, *box(variables + 1, bound, 1.0), second_opinion)
@@ -69,6 +70,17 @@ def minimise(
     return (_scs if second_opinion else _clarabel)(cost, blocks, constants, slopes)
 
 
+def symmetric_units(n: int) -> tuple[list[tuple[int, int]], Any]:
+    """The entries (i, j) on and above the diagonal, and the symmetric matrix of ones for each. Shape (.., n, n)."""
+    import numpy
+
+    pairs = [(i, j) for i in range(n) for j in range(i, n)]
+    units = numpy.zeros((len(pairs), n, n))
+    for k, (i, j) in enumerate(pairs):
+        units[k, i, j] = units[k, j, i] = 1.0
+    return pairs, units
+
+
 def box(variables: int, bound: float, last: float) -> tuple[Any, Any]:
     """Constants and slopes of |x_k| <= bound for all but the last variable, which has only an upper end."""
     import numpy
@@ -78,18 +90,10 @@ def box(variables: int, bound: float, last: float) -> tuple[Any, Any]:
 
 
 def _with_margin(block: Block) -> Block:
+    """The same with a last variable, the margin, that times the identity is taken off."""
     import numpy
 
-    eye = -block.weight * numpy.eye(len(block.constant))[None]
-    return Block(block.constant, numpy.concatenate([block.coefficients, eye]))
-
-
-def _unit(size: int, k: int, value: float) -> Any:
-    import numpy
-
-    vector = numpy.zeros(size)
-    vector[k] = value
-    return vector
+    return Block(block.constant, numpy.concatenate([block.coefficients, -numpy.eye(len(block.constant))[None]]))
 
 
 def _stacked(blocks: Sequence[Block], constants: Any, slopes: Any, upper: bool) -> tuple[Any, Any]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from flint import arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly, fmpz_poly
+from flint import arb, arb_mat, ctx, fmpq, fmpq_mat, fmpq_poly, fmpz_poly
 
 from certify.kernel.linalg import Matrix, Vector
 from certify.search import exact
@@ -146,12 +146,7 @@ def axis_pairs(H: Exact, f: fmpz_poly) -> Exact:
     """All [u; p] in the eigenspaces of H at the roots of f(s^2). Shape (2r, k)."""
     if f.degree() == 1 and f[0] == 0:
         return exact.null_space(H)
-    square = H * H
-    value = H * 0
-    one = exact.identity(H.nrows())
-    for k in range(f.degree(), -1, -1):
-        value = value * square + one * fmpq(f[k])
-    return exact.null_space(value)
+    return exact.null_space(polynomial_at(f, H * H))
 
 
 def face_of_pairs(H: Exact, f: fmpz_poly, e: Exact) -> tuple[Exact, Vector]:
@@ -277,8 +272,8 @@ def _extreme(H: Exact, bits: int, sign: int) -> Exact | None:
             for _ in range(60 + bits // 8):
                 inverse = W.inv().mid()
                 size = (_norm(inverse) / _norm(W)).sqrt()
-                factor = size if _distance(W, inverse) > 0.1 else size * 0 + 1
-                after = ((W * factor + inverse * (1 / factor)) * (one.nrows() * 0 + 0.5)).mid()
+                factor = size if _norm(W - inverse) / _norm(W) > 0.1 else arb(1)
+                after = ((W * factor + inverse * (1 / factor)) * 0.5).mid()
                 change = _norm(after - W) / _norm(after)
                 W = after
                 if change < 2.0 ** (-bits // 2 + 10):
@@ -297,10 +292,6 @@ def _extreme(H: Exact, bits: int, sign: int) -> Exact | None:
 
 def _norm(a: arb_mat) -> Any:
     return sum((x * x for x in a.entries()), 0).sqrt()
-
-
-def _distance(a: arb_mat, b: arb_mat) -> Any:
-    return _norm(a - b) / _norm(a)
 
 
 def _rational(X: arb_mat) -> Exact:

@@ -25,6 +25,7 @@ from certify.kernel.linalg import Matrix, add, identity, multiply, scale
 from certify.kernel.model import I2, J, LinearPort, dgu_port
 from certify.kernel.spec import Dgu, Filter, StateFeedback
 from certify.search.lmi import round_float
+from certify.search.roots import magnitude
 from certify.search.solvers import Block, minimise
 
 KINDS = ("pi", "ida-pbc")
@@ -107,7 +108,7 @@ def decay_bracket(F: Matrix, digits: int = 4) -> tuple[Fraction, Fraction]:
             if abs(high) < Fraction(1, 10**9):  # as good as zero: an undamped mode
                 return low, Fraction(0)
     while True:
-        unit = Fraction(10) ** (_magnitude(high if high > 0 else low) + 1 - digits)
+        unit = Fraction(10) ** (magnitude(high if high > 0 else low) + 1 - digits)
         steps = (low / unit).__floor__(), -((-high / unit).__floor__())
         if steps[1] - steps[0] <= 1:
             return steps[0] * unit, steps[1] * unit
@@ -117,16 +118,6 @@ def decay_bracket(F: Matrix, digits: int = 4) -> tuple[Fraction, Fraction]:
             low = middle
         else:
             high = middle
-
-
-def _magnitude(x: Fraction) -> int:
-    """The exponent of the leading decimal digit of x != 0.
-
-    >>> _magnitude(Fraction(1234)), _magnitude(Fraction(-1, 50))
-    (3, -2)
-    """
-    exponent = len(str(abs(x.numerator))) - len(str(x.denominator))
-    return exponent if abs(x) >= Fraction(10) ** exponent else exponent - 1
 
 
 def _shifted(coefficients: tuple[Fraction, ...], by: Fraction) -> tuple[Fraction, ...]:
@@ -149,6 +140,15 @@ def to_decimal(x: Fraction) -> str:
     exact = Context(prec=40).divide(*(Context(prec=400).create_decimal(n) for n in x.as_integer_ratio()))
     exact = Context(prec=40).normalize(exact)
     return f"{exact:f}" if -6 <= exact.adjusted() < 15 else str(exact)
+
+
+def to_percent(share: Fraction) -> str:
+    """A share as a spec writes it.
+
+    >>> to_percent(Fraction(123, 1000))
+    '12.3 %'
+    """
+    return f"{to_decimal(100 * share)} %"
 
 
 @dataclass(frozen=True)
@@ -570,5 +570,5 @@ def _neighbours(x: float, digits: int) -> list[Fraction]:
     if not x:
         return [Fraction(0)]
     middle = round_float(x, digits)
-    unit = Fraction(10) ** (_magnitude(middle) + 1 - digits)
+    unit = Fraction(10) ** (magnitude(middle) + 1 - digits)
     return [middle - unit, middle, middle + unit]
