@@ -31,15 +31,16 @@ class Certificate:
     notes: dict[str, str]
 
 
-def prove(spec: bytes, progress: Progress | None = None, refute: bool = True) -> Certificate:
+def prove(spec: bytes, progress: Progress | None = None, refute: bool = True, method: str | None = None) -> Certificate:
     """Search for proofs of all claims of a spec, write them down and have the kernel check them from the bytes.
 
-    Without `refute` no time is spent on why a DGU with tolerances has no proof.
+    Without `refute` no time is spent on why a DGU with tolerances has no proof. `method`: the only one to prove loads
+    by, of `search.methods.METHODS`; without it the cheapest that decides.
 
     Raises: SpecError if the spec is not well formed; Rejected if the kernel turns the result down, which is a defect
     of the search and never a wrong verdict.
     """
-    found = find_claims(decode_all(spec), progress, refute)
+    found = find_claims(decode_all(spec), progress, refute, method)
     notes = found.pop("notes")
     document = {
         "format": FORMAT,

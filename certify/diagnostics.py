@@ -240,7 +240,7 @@ _ALL = (
         "P202",
         "monotonicity of a load undecided",
         "Sums of powers with broken exponents are decided by enclosures, and the margin is too small for them.",
-        "narrow the voltage band",
+        "narrow the voltage band; `--method sampled` gathers evidence, which is no proof",
     ),
     Diagnostic(
         "P203",
@@ -269,6 +269,12 @@ _ALL = (
         "The DGU is passive but for a shortage, S' <= <z, d> + eps |d|^2 with a proved eps. Lines with R above the sum "
         "of eps deg over both ends would make up for it, and strongly monotone loads at its node; they do not.",
         "better gains (`certify synth`), a smaller tolerance, or fewer and longer lines at this node",
+    ),
+    Diagnostic(
+        "P210",
+        "a load that this method does not decide",
+        "`--method` allows one method only, and it neither proves this load nor is the load refuted.",
+        "leave --method out: then the cheapest method that decides is taken",
     ),
     Diagnostic(
         "P208",
@@ -326,22 +332,42 @@ _ALL = (
         "look for a controller state that nothing damps through the port",
     ),
     Diagnostic(
-        "monotone-polynomial",
-        "proof rule: monotone load, whole exponents",
-        "G >= 0 and D = G (G + v G') - (v B')^2/4 >= 0 on the band, by Sturm sequences; strict if both are > 0.",
-        "complete for ZIP loads and their sums",
+        "monotone-ends",
+        "proof rule: monotone load, ends of the band",
+        "For one exponential load 4 (np-1) P^2 > (nq-2)^2 Q^2 changes sign at most once in v; for a ZIP load without "
+        "negative parameters D v^2 increases. So the ends of the band decide.",
+        "complete for these loads",
     ),
     Diagnostic(
-        "monotone-exponential",
-        "proof rule: monotone load, one exponential law",
-        "4 (np-1) P^2 > (nq-2)^2 Q^2 changes sign at most once in v, so the two ends of the band decide.",
-        "complete for a single exponential load",
+        "monotone-sturm",
+        "proof rule: monotone load, Sturm sequences",
+        "G >= 0 and D = G (G + v G') - (v B')^2/4 >= 0 on the band, by counting roots; strict if both are > 0.",
+        "complete for ZIP loads, whole exponents, and their sums",
+    ),
+    Diagnostic(
+        "monotone-bernstein",
+        "proof rule: monotone load, Bernstein coefficients",
+        "On each cell of the band, G v^2 and D v^4 have no negative coefficient in the Bernstein basis.",
+        "for whole exponents; cheap, and complete but for roots inside the band",
+    ),
+    Diagnostic(
+        "monotone-sos",
+        "proof rule: monotone load, sums of squares",
+        "G v^2 and D v^4 are sigma0 + (v - v1)(v2 - v) sigma1 with exact Gram matrices, as an identity of polynomials.",
+        "complete for whole exponents; the search needs a solver, the check does not",
     ),
     Diagnostic(
         "monotone-enclosure",
         "proof rule: monotone load by enclosures",
-        "The band is cut into cells, on each of which rigorous enclosures of G and D are positive.",
+        "The band is cut into cells, on each of which rigorous enclosures show that G and D are not negative.",
         "for sums of loads with broken exponents; not complete",
+    ),
+    Diagnostic(
+        "sampled",
+        "evidence, not a proof: a load tried at many voltages",
+        "At none of many low-discrepancy voltages was the load found not to be monotone. That proves nothing: the "
+        "claim becomes an assumption of the ledger, and what rests on it is conditional.",
+        "prove without --method; `certify gate --allow NAME` lets a conditional verdict pass",
     ),
     Diagnostic(
         "voltage-pair",

@@ -5,9 +5,10 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any
 
+from certify.kernel.data import Data
 from certify.kernel.errors import RuleFailure
 from certify.kernel.model import LinearPort, LoadLaw
-from certify.kernel.proofs import RULES, Data
+from certify.kernel.proofs import RULES
 from certify.search.proposal import Proposal
 
 
@@ -20,13 +21,15 @@ class OnePart:
         self.storages: dict[str, Any] = {}
         self.shortages: dict[str, Fraction] = {}
         self.moduli: dict[str, Fraction] = {}
+        self.sampled: set[str] = set()
 
     def port(self, _: str, signs: str = "000") -> Any:
         assert signs == "000"
         return self.part
 
-    def law(self, _: str) -> Any:
-        return self.part
+    def pieces(self, _: str) -> Any:
+        law, band = self.part
+        return ((band, law),)
 
     def corners(self, _: str) -> tuple[str, ...]:
         return ("000",)

@@ -25,7 +25,7 @@ LAYERS = [
     "report",
     "cli",
 ]  # an arrow points from left to right only
-LIMIT = 2_000  # lines of code; "small enough to read in one sitting"
+LIMIT = 2_700  # lines of code; "small enough to read in one sitting"
 
 
 def imported(path: Path) -> set[str]:

@@ -18,9 +18,10 @@ from certify.certificate import prove, to_canonical_json
 from certify.inputs import load
 from certify.kernel.check import check, proof_key
 from certify.kernel.claims import Context
+from certify.kernel.data import Data
 from certify.kernel.errors import Rejected, RuleFailure, SpecError
 from certify.kernel.model import LoadLaw, PowerTerm
-from certify.kernel.proofs import RULES, Data
+from certify.kernel.proofs import RULES
 from certify.kernel.spec import decode
 from tests.accept import OnePart
 from tests.conftest import ROOT
@@ -147,7 +148,7 @@ def test_enclosures_with_endless_precision_are_rejected_quickly() -> None:
 @pytest.mark.parametrize("junk", [[], "junk", None, True, 7, [{"a": ["x"]}], {"modulus": "0"}, {"modulus": "-1"}])
 def test_a_proof_without_data_is_an_empty_table(junk: object) -> None:
     """Anything but a table was once read as an empty one."""
-    pair = forged("wrong-inductance.toml", "load/a", junk, rule="monotone-polynomial")  # type: ignore[arg-type]
+    pair = forged("wrong-inductance.toml", "load/a", junk, rule="monotone-sturm")  # type: ignore[arg-type]
     rejected(pair, "a proof is a table|the modulus is not positive|the proof needs|expected text")
 
 
@@ -156,7 +157,7 @@ def test_boxes_do_not_multiply_the_cost_without_bound() -> None:
     long = Fraction(10**100 + 1, 3 * 10**99)
     terms = tuple(PowerTerm(-long, Fraction(1), Fraction(e), Fraction(1, 7)) for e in range(12, 6, -1))
     law = (LoadLaw((PowerTerm(long, Fraction(1), Fraction(2)),), terms), (Fraction(1), Fraction(2)))
-    handler = RULES["load", "proved", "monotone-polynomial"]
+    handler = RULES["load", "proved", "monotone-sturm"]
     with pytest.raises(RuleFailure, match="too many corners"):
         handler(OnePart(law), "x", Data({}))  # type: ignore[arg-type]
     points = " ".join(str(Fraction(100 + k, 100)) for k in range(101))

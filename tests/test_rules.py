@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from certify.kernel import rules
+from certify.kernel.data import Data
 from certify.kernel.errors import RuleFailure
 from certify.kernel.linalg import Matrix, identity, to_matrix
-from certify.kernel.model import LinearPort, LoadLaw, PowerTerm
-from certify.kernel.proofs import Data
+from certify.kernel.model import LinearPort
 
 F_ = Fraction
 DAMPED = LinearPort(to_matrix([[-1]]), to_matrix([[1]]), to_matrix([[1]]))
@@ -113,74 +113,6 @@ def test_storage_contradiction() -> None:
     rules.storage_contradiction(ACTIVE, [], one, minus, ())
     fails("left side", rules.storage_contradiction, DAMPED, [], one, minus, ())
     fails("not negative", rules.storage_contradiction, ACTIVE, [], one, to_matrix([[0]]), ())
-
-
-def law(active: dict[Any, Any], reactive: dict[Any, Any] | None = None, base: Any = 1) -> LoadLaw:
-    parts = [tuple(PowerTerm(F_(c), F_(base), F_(e)) for e, c in (part or {}).items()) for part in (active, reactive)]
-    return LoadLaw(parts[0], parts[1])
-
-
-BAND = (F_(1), F_(2))
-
-
-def test_monotone_polynomial() -> None:
-    assert rules.monotone_polynomial(law({2: 1}), BAND) is True
-    assert rules.monotone_polynomial(law({1: 1}), BAND) is False  # constant current: D = 0
-    assert rules.monotone_polynomial(law({}, {2: 5}), BAND) is False  # a pure reactance
-    assert rules.monotone_polynomial(law({}), BAND) is False
-    assert rules.monotone_polynomial(law({2: 1, 0: 1}), BAND) is False  # D = v^4 - 1 vanishes at the lower end
-    assert rules.monotone_polynomial(law({2: 1, 0: "0.999999999999999999999"}), BAND) is True
-    fails("D = ", rules.monotone_polynomial, law({2: 1, 0: "1.000000000000000000001"}), BAND)
-    fails("D = ", rules.monotone_polynomial, law({0: 1}), BAND)
-    fails("D = ", rules.monotone_polynomial, law({1: 1}, {1: "1e-30"}), BAND)
-    fails("G is negative", rules.monotone_polynomial, law({2: -1}), BAND)
-    fails("whole number", rules.monotone_polynomial, law({"1.5": 1}), BAND)
-    fails("whole number", rules.monotone_polynomial, law({13: 1}), BAND)
-    fails("whole number", rules.monotone_polynomial, law({-1: 1}), BAND)
-    both_ends = law({2: "0.0845", 1: "0.0577", 0: "-0.0199"}, {1: "0.357", 0: "-0.0485"})
-    fails("D = ", rules.monotone_polynomial, both_ends, (F_("0.3"), F_("1.5")))
-
-
-def test_monotone_exponential() -> None:
-    assert rules.monotone_exponential(law({"1.5": 1}), BAND) is True
-    assert rules.monotone_exponential(law({"1": 1}), BAND) is False
-    assert rules.monotone_exponential(law({"1": 1}, {2: 9}), BAND) is False
-    assert rules.monotone_exponential(law({"1.5": 1}, {"1.5": 1}), BAND) is True
-    assert rules.monotone_exponential(law({2: 1}, {0: 1}), BAND) is False  # equality at v = 1
-    fails("np = 1", rules.monotone_exponential, law({"1": 1}, {1: 1}), BAND)
-    fails("P0 > 0", rules.monotone_exponential, law({"0.99": 1}), BAND)
-    fails("P0 > 0", rules.monotone_exponential, law({"1.5": -1}), BAND)
-    fails("single", rules.monotone_exponential, law({"1.5": 1, 2: 1}), BAND)
-    fails("single", rules.monotone_exponential, law({}, {2: 1}), BAND)
-    fails("end of the band", rules.monotone_exponential, law({2: 1}, {0: 1}), (F_("0.999"), F_(2)))
-    fails("end of the band", rules.monotone_exponential, law({"1.5": 1}, {"4.5": 1}), BAND)  # the upper end fails
-    mixed = LoadLaw((PowerTerm(F_(1), F_(3), F_("1.5")),), (PowerTerm(F_(1), F_(2), F_("1.4")),))
-    fails("nominal voltages", rules.monotone_exponential, mixed, BAND)
-    rebased = LoadLaw((PowerTerm(F_(1), F_(1), F_(2)),), (PowerTerm(F_(1), F_(2), F_("1.5")),))
-    assert rules.monotone_exponential(rebased, BAND) is True
-
-
-def test_monotone_enclosure() -> None:
-    good, ends = law({"1.5": 1, 0: "0.1"}), [F_(1), F_(3, 2), F_(2)]
-    assert rules.monotone_enclosure(good, BAND, ends, 64) is True
-    fails("may not be positive", rules.monotone_enclosure, law({"1.5": 1, 0: 3}), BAND, ends, 64)
-    fails("span", rules.monotone_enclosure, good, BAND, ends[1:], 64)
-    fails("span", rules.monotone_enclosure, good, BAND, ends[:-1], 64)
-    fails("span", rules.monotone_enclosure, good, BAND, [], 64)
-    fails("increase", rules.monotone_enclosure, good, BAND, [F_(1), F_(1), F_(2)], 64)
-    fails("increase", rules.monotone_enclosure, good, BAND, [F_(1), F_(9), F_(2)], 64)
-    fails("absurd", rules.monotone_enclosure, good, BAND, ends, 10**9)
-    fails("absurd", rules.monotone_enclosure, good, BAND, ends, 1)
-
-
-def test_voltage_pair() -> None:
-    constant_power = law({0: 1})
-    rules.voltage_pair(constant_power, BAND, F_(1), (F_(1), F_(2)), F_(0))
-    fails("outside", rules.voltage_pair, constant_power, BAND, F_(3), (F_(1), F_(2)), F_(0))
-    fails("outside", rules.voltage_pair, constant_power, BAND, F_(1), (F_(1), F_(3)), F_(0))
-    fails("neither", rules.voltage_pair, law({2: 1}), BAND, F_(1), (F_(1), F_(2)), F_(0))
-    fails("product", rules.voltage_pair, constant_power, BAND, F_(1), (F_(1), F_(1)), F_(0))
-    fails("product", rules.voltage_pair, constant_power, BAND, F_(1), (F_(1), F_(2)), F_(1))
 
 
 def test_skew_incidence() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from certify.kernel.check import check
 from certify.kernel.errors import Rejected, SpecError
 
-EXIT_CODES = {"certified": 0, "refuted": 1, "unknown": 3}
+EXIT_CODES = {"certified": 0, "refuted": 1, "unknown": 3, "conditional": 3}
 
 
 def main(arguments: list[str]) -> int:

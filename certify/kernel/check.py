@@ -12,8 +12,9 @@ from fractions import Fraction
 from typing import Any
 
 from certify.kernel.claims import Claim, Context, Fact, Verdict, assumptions, but_for_a_shortage, overall, statements
+from certify.kernel.data import Data
 from certify.kernel.errors import Rejected, RuleFailure
-from certify.kernel.proofs import RULES, Data
+from certify.kernel.proofs import RULES
 from certify.kernel.quantity import shorten
 from certify.kernel.reader import unique
 from certify.kernel.spec import Microgrid, decode
@@ -84,7 +85,7 @@ def _check_claims(grid: Microgrid, document: dict[str, Any]) -> Verdict:
         raise Rejected("K105", "claims", f"{len(listed)} claims, but the spec calls for {len(expected)}")
     if used != set(proofs):
         raise Rejected("K109", "proofs", "there is a proof that no claim uses")
-    ledger = assumptions(grid)
+    ledger = assumptions(grid, context.sampled)
     if document["assumptions"] != ledger:
         raise Rejected("K110", "assumptions", "the ledger is not the one that this spec calls for")
     outcome = overall(context.status)

@@ -10,7 +10,7 @@ from typing import Any
 
 from certify.kernel.errors import RuleFailure
 from certify.kernel.linalg import Matrix
-from certify.kernel.model import SIGNS, LinearPort, LoadLaw, at_corner, dgu_port, load_law, node_capacitances
+from certify.kernel.model import SIGNS, LinearPort, Pieces, at_corner, dgu_port, load_pieces, node_capacitances
 from certify.kernel.spec import Line, LinearLoop, Microgrid, components
 
 Fact = tuple[str, Fraction, str]
@@ -22,14 +22,14 @@ class Claim:
 
     id: str
     statement: str
-    status: str  # "proved", "refuted" or "unknown"
+    status: str  # "proved", "refuted", "unknown", or "conditional": if an assumption of the ledger holds
     rule: str | None = None
     facts: tuple[Fact, ...] = ()
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a certificate proves. `outcome` is "certified", "refuted" or "unknown"."""
+    """What a certificate proves. `outcome` is "certified", "conditional", "refuted" or "unknown"."""
 
     outcome: str
     claims: tuple[Claim, ...]
@@ -68,6 +68,7 @@ class Context:
         self.strict_loads: set[str] = set()
         self.storages: dict[str, tuple[Any, LinearPort, Matrix]] = {}  # what it depends on, the port, M
         self.shortages: dict[str, Fraction] = {}  # of the DGUs that are passive but for a shortage
+        self.sampled: set[str] = set()  # the loads of which only evidence is given
         self.moduli: dict[str, Fraction] = {}  # of strong monotonicity of the loads, as far as proved
         self.memo: dict[Any, Any] = {}
 
@@ -101,11 +102,12 @@ class Context:
             raise RuleFailure("the line legs make this linear loop algebraic: C B leaves no capacitance") from None
         return port
 
-    def law(self, name: str) -> tuple[LoadLaw, tuple[Fraction, Fraction]]:
-        node = self.nodes[name]
-        if node.band_volt is None:
+    def pieces(self, name: str) -> Pieces:
+        """The law of the static loads at a node, on each part of its band."""
+        pieces: Pieces = self.once(("load", name), lambda: load_pieces(self.nodes[name]))
+        if not pieces:
             raise RuleFailure(f"there is no static load at node {name}")
-        return self.once(("law", name), lambda: load_law(node)), node.band_volt
+        return pieces
 
     def once(self, key: Any, compute: Callable[[], Any]) -> Any:
         """Equal subsystems are computed once: the key holds all that the result depends on."""
@@ -136,6 +138,8 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
         if node.band_volt:
             low, high = (to_text(v) for v in node.band_volt)
             box = _within([share for load in node.loads for share in load.tolerance])
+            cut = any(load.cutoff_volt is not None for load in node.loads)
+            box = ", where loads below their cut-off are impedances" * cut + box
             text = (
                 f"the load current at node {node.name} is monotone in the voltage for {low} V <= |V| <= {high} V{box}"
             )
@@ -163,7 +167,7 @@ def but_for_a_shortage(statement: str, shortage: Fraction) -> str:
     return f"{statement} - but for a shortage: S' <= <z~, d~> + eps |d~|^2 with eps = {to_text(shortage)} ohm"
 
 
-def assumptions(grid: Microgrid) -> list[dict[str, str]]:
+def assumptions(grid: Microgrid, sampled: Iterable[str] = ()) -> list[dict[str, str]]:
     """The ledger: what the proof takes as given. None of these can be discharged by the tool."""
     ledger = {
         "balanced": "voltages and currents are balanced three-phase, without zero sequence",
@@ -177,9 +181,13 @@ def assumptions(grid: Microgrid) -> list[dict[str, str]]:
         ledger["line-legs"] = "the capacitance of the lines at nodes with a DGU is neglected, as the spec asks"
     if own := [node.name for node in grid.nodes if node.dgu and isinstance(node.dgu.controller, LinearLoop)]:
         ledger["linear-loop"] = f"z is the voltage of the node and d the current into it, at nodes {', '.join(own)}"
+    if any(load.cutoff_volt is not None for node in grid.nodes for load in node.loads):
+        ledger["cut-off"] = "loads with a cut-off draw, below it, the current of the impedance that they are there"
     limited = [node.name for node in grid.nodes if node.dgu and node.dgu.limits_volt]
     if limited:
         ledger["unsaturated"] = f"the inverters with limits do not saturate: nodes {', '.join(limited)}"
+    for name in sorted(sampled):
+        ledger[f"sampled/{name}"] = f"the load current at node {name} is monotone on its band: tried, and not proved"
     return [{"name": name, "statement": text} for name, text in ledger.items()]
 
 
@@ -187,4 +195,16 @@ def overall(statuses: dict[str, str]) -> str:
     """The verdict that follows from the status of every claim."""
     if "refuted" in statuses.values():
         return "refuted"
-    return "certified" if set(statuses.values()) == {"proved"} else "unknown"
+    if set(statuses.values()) == {"proved"}:
+        return "certified"
+    return "conditional" if set(statuses.values()) == {"proved", "conditional"} else "unknown"
+
+
+def corner_facts(signs: str, quantities: Iterable[tuple[str, Fraction, str]]) -> tuple[Fact, ...]:
+    """At which end of its tolerance each quantity is, and its value there."""
+    ends = {"-": "lower", "+": "upper"}
+    return tuple(
+        (f"{name} at the {ends[sign]} end of its tolerance", value, unit)
+        for sign, (name, value, unit) in zip(signs, quantities, strict=True)
+        if sign != "0"
+    )

@@ -33,6 +33,11 @@ class RuleFailure(CertifyError):
     """A proof rule does not accept what it was given: a side condition fails."""
 
 
+def require(condition: bool, reason: str) -> None:
+    if not condition:
+        raise RuleFailure(reason)
+
+
 class Rejected(CertifyError):
     """The certificate does not prove what it says. `where` is the claim or key at fault."""
 

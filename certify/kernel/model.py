@@ -6,15 +6,16 @@ equilibrium. A user's own linear loop keeps its own states. All functions are pu
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import product
+from itertools import pairwise, product
 
+from certify.kernel.errors import require
 from certify.kernel.linalg import Matrix, add, block, identity, multiply, scale, solve, to_matrix, zeros
-from certify.kernel.poly import Polynomial, to_polynomial
+from certify.kernel.powers import PRECISIONS, power_enclosure
 from certify.kernel.reader import Pair
-from certify.kernel.spec import Dgu, Filter, IdaPbc, LinearLoop, Microgrid, Node, StateFeedback, ZipLoad
+from certify.kernel.spec import Dgu, ExpLoad, Filter, IdaPbc, LinearLoop, Microgrid, Node, StateFeedback, ZipLoad
 
 J = to_matrix([[0, -1], [1, 0]])  # multiplication by j
 I2 = identity(2)
@@ -36,12 +37,16 @@ class LinearPort:
 
 @dataclass(frozen=True)
 class PowerTerm:
-    """coefficient (v / base)^exponent, a summand of an active or reactive power; `spread`: how far it may be off."""
+    """coefficient (v / base)^exponent, a summand of an active or reactive power; `spread`: how far it may be off.
+
+    A coefficient that is irrational is known to within `blur`: it is one number there, not a box of them.
+    """
 
     coefficient: Fraction
     base_volt: Fraction
     exponent: Fraction
     spread: Fraction = Fraction(0)
+    blur: Fraction = Fraction(0)
 
 
 @dataclass(frozen=True)
@@ -52,8 +57,12 @@ class LoadLaw:
     reactive: tuple[PowerTerm, ...]
 
 
+Pieces = tuple[tuple[Pair, LoadLaw], ...]  # parts of a band, from below, and the law on each
+
+
 # How a corner of a box of tolerances is named: for each quantity "-" or "+" for an end, "0" for the value itself.
 SIGNS = {"-": -1, "0": 0, "+": 1}
+MAX_SIGNS = 8  # of terms of one load law that may be at either end
 
 
 def node_capacitances(grid: Microgrid, sign: str = "0") -> dict[str, Fraction]:
@@ -88,16 +97,23 @@ def law_corners(law: LoadLaw) -> tuple[str, ...]:
         "0" if t.exponent == 2 else "-+" for t in law.reactive
     ]
     terms = (*law.active, *law.reactive)
-    free = [signs if term.spread else "0" for term, signs in zip(terms, ends, strict=True)]
+    free = [signs if term.spread or term.blur else "0" for term, signs in zip(terms, ends, strict=True)]
+    require(sum(len(signs) > 1 for signs in free) <= MAX_SIGNS, "a box of tolerances with too many corners")
     return tuple("".join(signs) for signs in product(*free))
 
 
-def law_at(law: LoadLaw, signs: str) -> LoadLaw:
-    """The law at one corner, or, with the sign "0", at the value itself."""
-    terms = [
-        replace(term, coefficient=term.coefficient + SIGNS[sign] * term.spread, spread=Fraction(0))
-        for term, sign in zip((*law.active, *law.reactive), signs, strict=True)
-    ]
+def law_at(law: LoadLaw, signs: str, outer: bool = True) -> LoadLaw:
+    """The law at one corner, or, with the sign "0", at the value itself.
+
+    What holds at all corners of the outer box, which takes in the blur, holds for the load; to refute, the blur stays.
+    """
+    if not any(term.spread or term.blur for term in (*law.active, *law.reactive)):
+        return law
+    zero, terms = Fraction(0), []
+    for term, sign in zip((*law.active, *law.reactive), signs, strict=True):
+        taken_in = term.blur if outer and sign != "0" else zero
+        end = term.coefficient + SIGNS[sign] * (term.spread + taken_in)
+        terms.append(replace(term, coefficient=end, spread=zero, blur=term.blur - taken_in))
     return LoadLaw(tuple(terms[: len(law.active)]), tuple(terms[len(law.active) :]))
 
 
@@ -149,41 +165,52 @@ def dgu_port(dgu: Dgu, capacitance_farad: Fraction, w0: Fraction) -> LinearPort:
     return LinearPort(F, block([[per_c], [Z], [Z]][:n]), block([[I2, Z, Z][:n]]), c)
 
 
-def load_law(node: Node) -> LoadLaw:
-    """The sum of the static loads at a node (THEORY 1); equal powers are added up."""
-    sums: tuple[dict[tuple[Fraction, Fraction], Pair], ...] = ({}, {})
+def load_pieces(node: Node) -> Pieces:
+    """The law of all static loads at a node on each part of its band; a load is an impedance below its cut-off."""
+    if node.band_volt is None:
+        return ()
+    low, high = node.band_volt
+    cuts = {x.cutoff_volt for x in node.loads if x.cutoff_volt is not None and low < x.cutoff_volt < high}
+    return tuple((band, load_law(node, band[1])) for band in pairwise((low, *sorted(cuts), high)))
+
+
+def load_law(node: Node, top_volt: Fraction | None = None) -> LoadLaw:
+    """The sum of the static loads at a node (THEORY 1), just below `top_volt` if given; equal powers are added up."""
+    sums: tuple[dict[tuple[Fraction, Fraction], list[Fraction]], ...] = ({}, {})
     for load in node.loads:
-        one, off = Fraction(1), load.tolerance
-        if isinstance(load, ZipLoad):
-            terms = [
-                (part, one, Fraction(e), coefficients[part], share)
-                for e, coefficients, share in ((2, load.Y, off[0]), (1, load.I, off[1]), (0, load.P, off[2]))
-                for part in (0, 1)
-            ]
-        else:
-            terms = [(0, load.V0_volt, load.np, load.P0_watt, off[0]), (1, load.V0_volt, load.nq, load.Q0_var, off[1])]
-        for part, base, exponent, coefficient, share in terms:
-            if exponent.denominator == 1:  # a whole power needs no base of its own, and joins the others
-                coefficient, base = coefficient / base**exponent.numerator, one
-            before = sums[part].get((base, exponent), (Fraction(0), Fraction(0)))
-            sums[part][base, exponent] = (before[0] + coefficient, before[1] + abs(coefficient) * share)
-    laws = [tuple(PowerTerm(c, *key, off) for key, (c, off) in sorted(part.items()) if c or off) for part in sums]
+        cutoff = load.cutoff_volt
+        frozen = cutoff if cutoff is not None and top_volt is not None and top_volt <= cutoff else None
+        for part, term in _terms(load):
+            if frozen is not None:
+                term = _as_admittance(term, frozen)
+            elif term.exponent.denominator == 1:  # a whole power needs no base of its own, and joins the others
+                factor = 1 / term.base_volt**term.exponent.numerator
+                term = PowerTerm(term.coefficient * factor, Fraction(1), term.exponent, term.spread * factor)
+            before = sums[part].setdefault((term.base_volt, term.exponent), [Fraction(0)] * 3)
+            for k, x in enumerate((term.coefficient, term.spread, term.blur)):
+                before[k] += x
+    laws = [tuple(PowerTerm(c[0], *key, *c[1:]) for key, c in sorted(part.items()) if any(c)) for part in sums]
     return LoadLaw(laws[0], laws[1])
 
 
-def power_polynomials(law: LoadLaw) -> tuple[Polynomial, Polynomial] | None:
-    """P(v) and Q(v) as polynomials in v, if every exponent is a whole number from 0 to 12; else None."""
+def _terms(load: ZipLoad | ExpLoad) -> Iterator[tuple[int, PowerTerm]]:
+    """The summands of P (part 0) and Q (part 1) of one load."""
+    off = load.tolerance
+    if isinstance(load, ZipLoad):
+        for e, coefficients, share in ((2, load.Y, off[0]), (1, load.I, off[1]), (0, load.P, off[2])):
+            for part, c in enumerate(coefficients):
+                yield part, PowerTerm(c, Fraction(1), Fraction(e), abs(c) * share)
+    else:
+        yield 0, PowerTerm(load.P0_watt, load.V0_volt, load.np, abs(load.P0_watt) * off[0])
+        yield 1, PowerTerm(load.Q0_var, load.V0_volt, load.nq, abs(load.Q0_var) * off[1])
 
-    def polynomial(terms: Iterable[PowerTerm]) -> Polynomial | None:
-        coefficients = [Fraction(0)] * 13
-        for term in terms:
-            if term.exponent.denominator != 1 or not 0 <= term.exponent <= 12:
-                return None
-            coefficients[term.exponent.numerator] += term.coefficient / term.base_volt**term.exponent.numerator
-        return to_polynomial(coefficients)
 
-    P, Q = polynomial(law.active), polynomial(law.reactive)
-    return None if P is None or Q is None else (P, Q)
+def _as_admittance(term: PowerTerm, v: Fraction) -> PowerTerm:
+    """The constant admittance that draws the same power at voltage v; enclosed where the power is irrational."""
+    low, high = power_enclosure(v / term.base_volt, term.exponent, PRECISIONS[2])
+    middle, half = (low + high) / 2 / v**2, (high - low) / 2 / v**2
+    c, spread = term.coefficient, term.spread
+    return PowerTerm(c * middle, Fraction(1), Fraction(2), spread * middle, (abs(c) + spread) * half)
 
 
 def incidence(grid: Microgrid) -> tuple[dict[tuple[str, str], int], dict[tuple[str, str], int]]:

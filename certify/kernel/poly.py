@@ -11,6 +11,7 @@ from itertools import pairwise
 from math import gcd, lcm
 
 Polynomial = tuple[Fraction, ...]
+Whole = tuple[int, ...]  # the same with integers, of which many are compared quickly
 
 
 def to_polynomial(coefficients: Iterable[int | Fraction]) -> Polynomial:
@@ -157,3 +158,29 @@ def is_nonnegative_on(p: Polynomial, low: Fraction, high: Fraction) -> bool:
     steps = len(p) + 1
     samples = (evaluate(p, low + (high - low) * Fraction(k, steps)) for k in range(1, steps))
     return next(value for value in samples if value) > 0
+
+
+def bernstein_signs(p: Whole, low: Fraction, high: Fraction) -> list[int]:
+    """Positive multiples of the coefficients of p in the Bernstein basis of [low, high]; the ends are values of p.
+
+    With v = (a y + b x) / d, d^n p = sum_k c_k (a y + b x)^k d^(n-k) (y + x)^(n-k) is homogeneous in x and y = 1 - x.
+    >>> bernstein_signs((0, 0, 1), Fraction(-1), Fraction(1))
+    [1, -2, 1]
+    """
+    a, b, d = low.numerator * high.denominator, high.numerator * low.denominator, low.denominator * high.denominator
+    result: list[int] = []
+    ones, power = [1], 1  # d^(n-k) and the coefficients of (y + x)^(n-k)
+    for c in reversed(p):
+        result = [a * u + b * v for u, v in zip([*result, 0], [0, *result], strict=True)] if result else [0]
+        result = [u + c * power * v for u, v in zip(result, ones, strict=True)]
+        ones = [u + v for u, v in zip([*ones, 0], [0, *ones], strict=True)]
+        power *= d
+    return result
+
+
+def substitute(p: Whole, middle: Fraction, half: Fraction) -> Polynomial:
+    """p(middle + half x) as a polynomial in x."""
+    result: Polynomial = ()
+    for c in reversed(p):
+        result = add(multiply(result, (middle, half)), to_polynomial([c]))
+    return result

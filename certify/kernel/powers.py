@@ -83,18 +83,37 @@ def exp_enclosure(t: Fraction, bits: int) -> Interval:
     return Fraction(low, 1 << work), Fraction(high, 1 << work)
 
 
+def _whole_root(n: int, q: int) -> int | None:
+    """The q-th root of n >= 0 if it is whole."""
+    if n < 2 or n.bit_length() <= q:  # below 2^q only 0 and 1 have one
+        return n if n < 2 else None
+    root = 1 << -(-n.bit_length() // q)  # Newton's iteration from above
+    while True:
+        better = ((q - 1) * root + n // root ** (q - 1)) // q
+        if better >= root:
+            return root if root**q == n else None
+        root = better
+
+
 def power_enclosure(x: Fraction, e: Fraction, bits: int) -> Interval:
-    """Enclosure of x^e, x > 0; exact when e is a small integer.
+    """Enclosure of x^e, x > 0; exact when e is a small integer, or x a perfect power of the denominator of e.
 
     >>> power_enclosure(Fraction(2), Fraction(3), 64)
     (Fraction(8, 1), Fraction(8, 1))
     >>> low, high = power_enclosure(Fraction(2), Fraction(1, 2), 64)
     >>> low**2 < 2 < high**2
     True
+    >>> power_enclosure(Fraction(4, 9), Fraction(-3, 2), 64)
+    (Fraction(27, 8), Fraction(27, 8))
     """
     if e.denominator == 1 and abs(e.numerator) <= 64:
         exact = x**e.numerator
         return exact, exact
+    if abs(e.numerator) <= 64 * e.denominator and x > 0:
+        above, below = _whole_root(x.numerator, e.denominator), _whole_root(x.denominator, e.denominator)
+        if above and below and abs(e.numerator) * max(above, below).bit_length() <= EXACT_BITS:
+            exact = Fraction(above, below) ** e.numerator
+            return exact, exact
     low, high = interval_product((e, e), log_enclosure(x, bits))
     return exp_enclosure(low, bits)[0], exp_enclosure(high, bits)[1]
 

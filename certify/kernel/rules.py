@@ -10,22 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from heapq import heapify, heappop, heappush
-from itertools import pairwise
 
 from certify.kernel import linalg as la
-from certify.kernel import poly
-from certify.kernel.errors import RuleFailure
+from certify.kernel.errors import RuleFailure, require
 from certify.kernel.linalg import Matrix, Vector
-from certify.kernel.model import LinearPort, LoadLaw, PowerTerm, power_polynomials
-from certify.kernel.poly import Polynomial, is_nonnegative_on, is_positive_on, to_polynomial
-from certify.kernel.powers import PRECISIONS, Interval, compare_power, interval_product, interval_sum, power_enclosure
+from certify.kernel.model import LinearPort
 from certify.kernel.reader import Pair
-
-
-def require(condition: bool, reason: str) -> None:
-    if not condition:
-        raise RuleFailure(reason)
-
 
 # --- storage functions and their refutation (THEORY 3 and 4) ----------------------------------------------
 
@@ -174,122 +164,6 @@ def face_equation(F: Matrix, of_storage: bool, u: Vector, v: Vector) -> Matrix:
 
 def outer(a: Vector, b: Vector) -> Matrix:
     return tuple(tuple(x * y for y in b) for x in a)
-
-
-# --- loads (THEORY 5) ---------------------------------------------------------------------------------------
-
-
-def jacobian_polynomials(law: LoadLaw) -> tuple[Polynomial, Polynomial]:
-    """P = G v^2 and D v^4 = P (v P' - P) - (v Q' - 2 Q)^2 / 4 as polynomials in v (THEORY 5)."""
-    both = power_polynomials(law)
-    if both is None:
-        raise RuleFailure("an exponent is not a whole number from 0 to 12")
-    P, Q = both
-    v = to_polynomial([0, 1])
-    radial = poly.add(poly.multiply(v, poly.derivative(P)), poly.scale(-1, P))
-    cross = poly.add(poly.multiply(v, poly.derivative(Q)), poly.scale(-2, Q))
-    return P, poly.add(poly.multiply(P, radial), poly.scale(Fraction(-1, 4), poly.multiply(cross, cross)))
-
-
-def monotone_polynomial(law: LoadLaw, band: Pair) -> bool:
-    """Rule `monotone-polynomial`: P >= 0 and D v^4 >= 0 on the band by Sturm counts; strict if both are > 0."""
-    P, D = jacobian_polynomials(law)
-    if is_positive_on(P, *band) and is_positive_on(D, *band):
-        return True
-    require(is_nonnegative_on(P, *band), "the conductance G is negative somewhere on the band")
-    require(is_nonnegative_on(D, *band), "D = G (G + v G') - (v B')^2 / 4 is negative somewhere on the band")
-    return False
-
-
-def monotone_exponential(law: LoadLaw, band: Pair) -> bool:
-    """Rule `monotone-exponential`: one exponent each for P and Q; the two ends of the band decide. True if strict."""
-    require(len(law.active) == 1 and len(law.reactive) <= 1, "not a single exponential law")
-    P = law.active[0]
-    require(P.coefficient > 0 and P.exponent >= 1, "the active power does not have P0 > 0 and np >= 1")
-    if not law.reactive or law.reactive[0].exponent == 2:
-        return P.exponent > 1
-    Q = law.reactive[0]
-    require(P.exponent > 1, "np = 1 leaves nothing to make up for the reactive power")
-    base = Q.base_volt if P.exponent.denominator == 1 else P.base_volt
-    P, Q = _rebased(P, base), _rebased(Q, base)
-    bound = ((Q.exponent - 2) * Q.coefficient / P.coefficient) ** 2 / (4 * (P.exponent - 1))
-    signs = [compare_power(v / base, 2 * (P.exponent - Q.exponent), bound) for v in band]
-    require(None not in signs, "a power is too close to its bound to be told apart")
-    require(min(s or 0 for s in signs) >= 0, "4 (np-1) P^2 < (nq-2)^2 Q^2 at an end of the band")
-    return 0 not in signs
-
-
-def _rebased(term: PowerTerm, base: Fraction) -> PowerTerm:
-    if term.base_volt == base:
-        return term
-    require(term.exponent.denominator == 1, "two different nominal voltages with broken exponents")
-    factor = (base / term.base_volt) ** term.exponent.numerator
-    return PowerTerm(term.coefficient * factor, base, term.exponent)
-
-
-def _admittance(terms: tuple[PowerTerm, ...], low: Fraction, high: Fraction, bits: int, weight: int = 0) -> Interval:
-    """Enclosure on [low, high] of the sum of power / v^2, each term times (exponent - weight) if weight is not 0."""
-    parts = []
-    for t in terms:
-        ends = [power_enclosure(v / t.base_volt, t.exponent - 2, bits) for v in (low, high)]
-        span = (min(e[0] for e in ends), max(e[1] for e in ends))  # a power is monotone in v
-        factor = t.coefficient / t.base_volt**2 * (t.exponent - weight if weight else 1)
-        parts.append(interval_product((factor, factor), span))
-    return interval_sum(parts)
-
-
-def jacobian_enclosure(law: LoadLaw, low: Fraction, high: Fraction, bits: int) -> tuple[Interval, Interval]:
-    """Enclosures of G and of D = G (G + v G') - (v B')^2 / 4 for every v in [low, high]."""
-    G, radial = (_admittance(law.active, low, high, bits, weight) for weight in (0, 1))
-    cross = _admittance(law.reactive, low, high, bits, 2)
-    product, square = interval_product(G, radial), interval_product(cross, cross)
-    least = Fraction(0) if cross[0] <= 0 <= cross[1] else square[0]
-    return G, (product[0] - square[1] / 4, product[1] - least / 4)
-
-
-def monotone_enclosure(law: LoadLaw, band: Pair, points: Sequence[Fraction], bits: Fraction) -> bool:
-    """Rule `monotone-enclosure`: G > 0 and D > 0 on every cell between consecutive points. Always strict."""
-    require(len(points) > 1 and (points[0], points[-1]) == band, "the points do not span the band")
-    require(all(a < b for a, b in pairwise(points)), "the points do not increase")
-    require(bits in (64, 160, 400) and bits * len(points) <= 1 << 17, "the precision or number of points is absurd")
-    for low, high in pairwise(points):
-        G, D = jacobian_enclosure(law, low, high, bits.numerator)
-        require(G[0] > 0 and D[0] > 0, f"G or D may not be positive between {low} V and {high} V")
-    return True
-
-
-def voltage_pair(law: LoadLaw, band: Pair, v: Fraction, pair: Pair, t: Fraction) -> None:
-    """Rule `voltage-pair`: G(v) < 0 or D(v) < 0 at a voltage of the band, and two voltages whose product is negative.
-
-    The two are a = pair[0] at angle 0 and b = pair[1] at the angle with tan(angle/2) = t; the product is
-    <V_b - V_a, I(V_b) - I(V_a)> = P(a) + P(b) - a b ((G_a + G_b) cos + (B_a - B_b) sin).
-    """
-    require(all(band[0] <= x <= band[1] for x in (v, *pair)), "a voltage is outside the band")
-    (a, b), cosine, sine = pair, (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
-    # the product, as a sum of G_a, G_b, -B_a, -B_b times these
-    factors = ((a - b * cosine) * a, (b - a * cosine) * b, a * b * sine, -a * b * sine)
-    active = product = False
-    for bits in PRECISIONS:
-        G, D = jacobian_enclosure(law, v, v, bits)
-        values = [_admittance(terms, x, x, bits) for terms in (law.active, law.reactive) for x in pair]
-        total = interval_sum(interval_product((f, f), x) for f, x in zip(factors, values, strict=True))
-        active, product = G[1] < 0 or D[1] < 0, total[1] < 0
-        if active and product:
-            return
-    require(active, "neither G nor D is negative at the voltage named")
-    raise RuleFailure("the product of the two voltages is not negative")
-
-
-def lipschitz_bound(law: LoadLaw, band: Pair) -> Fraction:
-    """A Lambda with |I(V) - I(U)| <= Lambda |V - U| on the band, for every law of the box: FORMAT.md, section 4.
-
-    It is sup |Y| + sup |v Y'|, each term of the power laws taken at the worse end of the band.
-    """
-    total = Fraction(0)
-    for t in (*law.active, *law.reactive):
-        top = max(power_enclosure(v / t.base_volt, t.exponent - 2, PRECISIONS[0])[1] for v in band)
-        total += (abs(t.coefficient) + t.spread) / t.base_volt**2 * (1 + abs(t.exponent - 2)) * top
-    return total
 
 
 # --- the network (THEORY 2, 6 and 10) ---------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from typing import Any
@@ -95,17 +95,21 @@ class Dgu:
 
 @dataclass(frozen=True)
 class ZipLoad:
-    """P = Y[0] v^2 + I[0] v + P[0] in watt; index 1 is the reactive part, in var. `tolerance`: of Y, I, P."""
+    """P = Y[0] v^2 + I[0] v + P[0] in watt; index 1 is the reactive part, in var. `tolerance`: of Y, I, P.
+
+    Below `cutoff_volt`, if there is one, a load is the constant impedance that it is there.
+    """
 
     Y: Pair
     I: Pair  # noqa: E741
     P: Pair
     tolerance: tuple[Fraction, ...] = NO_TOLERANCE
+    cutoff_volt: Fraction | None = None
 
 
 @dataclass(frozen=True)
 class ExpLoad:
-    """P = P0 (v/V0)^np, Q = Q0 (v/V0)^nq. `tolerance`: of P0, Q0."""
+    """P = P0 (v/V0)^np, Q = Q0 (v/V0)^nq. `tolerance`: of P0, Q0; `cutoff_volt` as for a ZIP load."""
 
     P0_watt: Fraction
     np: Fraction
@@ -113,6 +117,7 @@ class ExpLoad:
     nq: Fraction
     V0_volt: Fraction
     tolerance: tuple[Fraction, ...] = NO_TOLERANCE
+    cutoff_volt: Fraction | None = None
 
 
 @dataclass(frozen=True)
@@ -394,7 +399,9 @@ class Decoder(TableReader):
         if len(self.faults) > before or None in (band for _, band in loads):
             return None
         branches = tuple(load for load, _ in table["load"] if isinstance(load, SeriesBranch))
-        span = (max(b[0] for _, b in loads), min(b[1] for _, b in loads)) if loads else None
+        # A load with a cut-off has a law below its band too.
+        lows = [Fraction(0) if load.cutoff_volt is not None else band[0] for load, band in loads]
+        span = (max(lows), min(b[1] for _, b in loads)) if loads else None
         if span and span[0] >= span[1]:
             self.fault("S307", f"{path}.load", "the voltage bands of these loads have no common part")
         name = path.split(".", 1)[1]
@@ -438,6 +445,7 @@ class Decoder(TableReader):
             self.fault(
                 "S102", f"{path}.band", "no voltage band: give this load a band, or the microgrid a voltage_band"
             )
+        schema["below"] = (self.one_of(["constant-impedance"]), None)
         zero = Fraction(0)
         if kind == "zip":
             units = {"Y": ("S", "S"), "I": ("A", "A"), "P": ("W", "var")}
@@ -446,7 +454,7 @@ class Decoder(TableReader):
             table = self.table(raw, path, schema)
             if not units.keys() & raw.keys():
                 self.fault("S102", path, "a zip load needs at least one of Y, I, P")
-            return ZipLoad(table["Y"], table["I"], table["P"], table["tolerance"]), table["band"]
+            return self.with_band(ZipLoad(table["Y"], table["I"], table["P"], table["tolerance"]), table)
         schema |= {"P0": (self.unit("W"), REQUIRED), "np": (self.exponent, REQUIRED)}
         schema |= {"Q0": (self.unit("var"), zero), "nq": (self.exponent, zero)}
         schema["V0"] = (self.unit("V", "> 0"), self.base_voltage or REQUIRED)
@@ -455,7 +463,12 @@ class Decoder(TableReader):
         if ("Q0" in raw) != ("nq" in raw):
             self.fault("S102", path, "Q0 and nq go together")
         values = [table[key] for key in ("P0", "np", "Q0", "nq", "V0", "tolerance")]
-        return ExpLoad(*values), table["band"]
+        return self.with_band(ExpLoad(*values), table)
+
+    def with_band(self, load: ZipLoad | ExpLoad, table: dict[str, Any]) -> tuple[ZipLoad | ExpLoad, Any]:
+        """A load and its band, the lower end of which is its cut-off if it is to be an impedance below."""
+        band = table["band"]
+        return (replace(load, cutoff_volt=band[0]) if table["below"] and band not in (None, REQUIRED) else load), band
 
     def exponent(self, raw: object, path: str) -> Fraction | None:
         value: Fraction | None = self.unit("")(raw, path)

@@ -14,6 +14,7 @@ _COLOURS = {
     "certified": "32;1",
     "refuted": "31;1",
     "unknown": "33;1",
+    "conditional": "33;1",
     "rejected": "31;1",
     "error": "31;1",
 }
@@ -86,8 +87,9 @@ def render_verdict(
             f"passive but for a shortage, which lines and loads have to make up for: {', '.join(short[:6])}{more}",
         ]
     lines += open_claims(verdict, notes, colour)
-    if verdict.outcome == "certified":
-        lines += ["", f"proved: {verdict.claims[-1].statement}."]
+    if verdict.outcome in ("certified", "conditional"):
+        only = "" if verdict.outcome == "certified" else " only if what was sampled holds"
+        lines += ["", f"proved{only}: {verdict.claims[-1].statement}."]
     ledger = ", ".join(name for name, _ in verdict.assumptions)
     lines.append(f"assumed, not proved: {ledger} (`certify explain CERT SPEC` says how)")
     return "\n".join(lines)
@@ -98,7 +100,7 @@ def open_claims(verdict: Verdict, notes: dict[str, str], colour: bool = False) -
     lines: list[str] = []
     unsettled = [c for c in verdict.claims if c.status != "proved"]
     parts = [c for c in unsettled if c.id.split("/")[0] not in ("invariant-set", "microgrid")]
-    following = [c.id for c in unsettled if c not in parts] if parts else []
+    following = [c.id for c in unsettled if c not in parts and c.status != "conditional"] if parts else []
     unsettled = parts or unsettled
     for claim in unsettled[:SHOWN_ALONE]:
         lines += ["", *_open_claim(claim, notes, colour)]
@@ -140,6 +142,9 @@ def _open_claim(claim: Claim, notes: dict[str, str], colour: bool) -> list[str]:
         )
         if claim.id in notes:
             lines.append(f"  {DIAGNOSTICS[notes[claim.id]].why}")
+    elif claim.rule == "sampled":
+        lines += [f"  {name}: {approximate(value)}" for name, value, _ in claim.facts]
+        lines.append("  That is evidence and no proof: the verdict rests on an assumption of the ledger.")
     elif claim.id in notes:
         lines.append(f"  {DIAGNOSTICS[notes[claim.id]].why}")
         lines.append(f"  = help: {DIAGNOSTICS[notes[claim.id]].remedy}")

@@ -1,195 +1,197 @@
-"""Proofs and refutations of the monotonicity of the static load at a node (THEORY 5)."""
+"""Proofs that the static loads at a node are monotone, by one method or by the cheapest that decides (THEORY 5)."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
+from itertools import pairwise
 
-from certify.kernel import poly
-from certify.kernel.linalg import Vector
-from certify.kernel.model import LoadLaw, PowerTerm, law_at, law_corners, less_conductance, power_polynomials
-from certify.kernel.poly import Polynomial, to_polynomial
-from certify.kernel.powers import power_enclosure
+from certify.kernel import loads
+from certify.kernel.errors import RuleFailure
+from certify.kernel.load_proofs import Case
+from certify.kernel.model import LoadLaw, Pieces, law_at, law_corners, less_conductance
+from certify.kernel.poly import Whole, bernstein_signs, substitute
+from certify.kernel.powers import PRECISIONS
 from certify.kernel.reader import Pair
-from certify.kernel.rules import jacobian_enclosure, jacobian_polynomials
-from certify.search.proposal import Proposal, to_text
-from certify.search.roots import find_negative_point, round_to_digits, square_root
+from certify.search.proposal import Proposal, to_rows, to_text
+from certify.search.roots import round_to_digits
+from certify.search.voltages import find_pairs, find_touching, find_violations, smallest_eigenvalue
 
-MAX_CELLS = 2000
-MAX_CORNERS = 256
-BITS = 64  # of the enclosures on cells
-FINE_BITS = 600  # of the values from which a pair of voltages is built
+MAX_CELLS = 1000
+MAX_CUTS = 40  # of a band into cells for Bernstein coefficients; where it takes more, Sturm sequences cost less
+SAMPLES = 1024
 
 
-def propose_load(law: LoadLaw, band: Pair, strongly: bool = False) -> Iterator[Proposal]:
-    """The exact rules first; then cells; then voltages that refute, at the values and at corners of their box.
+def propose_load(pieces: Pieces, strongly: bool = False, method: str | None = None) -> Iterator[Proposal]:
+    """What may prove the claim about a load, or refute it: by one method, or by all of them, the cheapest first.
 
     `strongly`: with a modulus of strong monotonicity, if there is one.
     """
-    names = law_corners(law)
-    if len(names) > MAX_CORNERS:
+    corners: list[tuple[str, Case]] = []
+    try:
+        for band, law in pieces:
+            corners += [(signs, (band, law_at(law, signs))) for signs in law_corners(law)]
+    except RuleFailure:  # a box of too many corners
         return
-    corners = {signs: law_at(law, signs) for signs in names}
-    plain = law_at(law, "0" * len((*law.active, *law.reactive)))
-    if strongly:
-        yield from _strongly(list(corners.values()), band)
-    whole = power_polynomials(plain) is not None
-    if whole:
-        yield Proposal("proved", "monotone-polynomial")
-    elif len(plain.active) == 1 and len(plain.reactive) <= 1:
-        yield Proposal("proved", "monotone-exponential")
-    if not whole and not any(find_violations(corner, band) for corner in corners.values()):
-        points = _common_cells(corners.values(), band)
-        if points:
-            yield Proposal("proved", "monotone-enclosure", {"points": to_text(points), "bits": str(BITS)})
-    for signs, corner in (
-        {"": plain, **corners} if len(names) > 1 or any("-" in n for n in names) else {"": plain}
-    ).items():
-        # what is too small for floats to see is at an end of the band, if anywhere within reach
-        for v in find_violations(corner, band) or ([] if whole else list(band)):
-            for pair, t in find_pairs(corner, band, v):
-                data = {"v": str(v), "pair": to_text(pair), "t": str(t)}
-                yield Proposal("refuted", "voltage-pair", data | ({"corner": signs} if signs else {}))
+    cases = [case for _, case in corners]
+    if method == "sampled":
+        yield Proposal("conditional", "sampled", {"points": str(max(SAMPLES // len(cases), 1))})
+    violated = _plainly_violated(cases)
+    if strongly and not violated:
+        yield from _strongly(cases, method)
+    if not violated:
+        yield from _proofs(cases, method)
+    yield from _refutations(pieces)
 
 
-def _common_cells(laws: Iterable[LoadLaw], band: Pair) -> Vector | None:
-    """Points of a subdivision that serves all of these laws, or None."""
-    points: set[Fraction] = set()
-    for law in laws:
-        found = find_cells(law, band)
+def _refutations(pieces: Pieces) -> Iterator[Proposal]:
+    """Pairs of voltages at the values themselves, then at the corners of their tolerances."""
+    for at_values in (True, False):
+        for band, law in pieces:
+            names = ["0" * len((*law.active, *law.reactive))] if at_values else law_corners(law)
+            for signs in names:
+                if not at_values and not set(signs) - {"0"}:
+                    continue
+                corner = law_at(law, signs, outer=False)
+                for v in find_violations(corner, band):
+                    for pair, t in find_pairs(corner, band, v):
+                        data = {"v": str(v), "pair": to_text(pair), "t": str(t)}
+                        yield Proposal("refuted", "voltage-pair", data | ({} if at_values else {"corner": signs}))
+
+
+def _plainly_violated(cases: Sequence[Case]) -> bool:
+    """Whether an exact value at an end of a band shows that no method can prove the claim."""
+    for band, law in cases:
+        if loads.is_polynomial(law):
+            for p in loads.jacobian_polynomials(law):
+                signs = bernstein_signs(p, *band)
+                if signs and min(signs[0], signs[-1]) < 0:
+                    return True
+    return False
+
+
+# --- methods ------------------------------------------------------------------------------------------------
+
+
+def _proofs(cases: Sequence[Case], method: str | None) -> Iterator[Proposal]:
+    cases = [case for case in cases if not loads.is_constant_admittance(case[1])]
+    for name, propose in METHODS.items():
+        if method in (None, name):
+            data = propose(cases)
+            if data is not None:
+                yield Proposal("proved", f"monotone-{name}", data)
+
+
+def _no_data(_: Sequence[Case]) -> dict[str, object] | None:
+    return {}
+
+
+def _for_polynomials(
+    propose: Callable[[Sequence[Case]], dict[str, object] | None],
+) -> Callable[[Sequence[Case]], dict[str, object] | None]:
+    return lambda cases: propose(cases) if all(loads.is_polynomial(law) for _, law in cases) else None
+
+
+def _bernstein(cases: Sequence[Case]) -> dict[str, object] | None:
+    points: set[Fraction] = {v for band, _ in cases for v in band}
+    for band, law in cases:
+        found = find_cuts(loads.jacobian_polynomials(law), band)
         if found is None:
             return None
         points |= set(found)
-    return tuple(sorted(points))
+    return {"points": to_text(tuple(sorted(points)))}
 
 
-def _strongly(laws: list[LoadLaw], band: Pair) -> Iterator[Proposal]:
-    """Proofs with a modulus: a round number below the smallest eigenvalue that a grid of voltages shows."""
-    grid = [band[0] + (band[1] - band[0]) * Fraction(k, 32) for k in range(33)]
-    least = min(smallest_eigenvalue(law, v) for law in laws for v in grid)
-    for share in (0.95, 0.5, 0.1, 0.01):
-        if least * share > 1e-300:
-            modulus = round_to_digits(Fraction(least * share), 1)
-            shifted = [less_conductance(law, modulus) for law in laws]
-            if power_polynomials(shifted[0]) is not None:
-                yield Proposal("proved", "monotone-polynomial", {"modulus": str(modulus)})
-            elif points := _common_cells(shifted, band):
-                data = {"modulus": str(modulus), "points": to_text(points), "bits": str(BITS)}
-                yield Proposal("proved", "monotone-enclosure", data)
+def _sos(cases: Sequence[Case]) -> dict[str, object] | None:
+    from certify.search.sos import find_gram_matrices
+
+    grams = []
+    for band, law in cases:
+        found = []
+        for p in loads.jacobian_polynomials(law):
+            pair = find_gram_matrices(substitute(p, (band[0] + band[1]) / 2, (band[1] - band[0]) / 2))
+            if pair is None:
+                return None
+            found += [to_rows(gram) for gram in pair]
+        grams.append(found)
+    return {"grams": grams}
 
 
-def smallest_eigenvalue(law: LoadLaw, v: Fraction) -> float:
-    """Of the symmetric part of the Jacobian at one voltage, in siemens and in floats."""
-    G, radial, cross = jacobian_value(law, v)
-    return (G + radial) / 2 - math.hypot((radial - G) / 2, cross / 2)
-
-
-def find_cells(law: LoadLaw, band: Pair) -> list[Fraction] | None:
-    """Points of a subdivision on whose cells the enclosures of G and D are positive; None if too many are needed."""
-    points, work = [band[0]], [band]
-    for _ in range(2 * MAX_CELLS):
-        if not work:
-            return points
-        low, high = work.pop()
-        G, D = jacobian_enclosure(law, low, high, BITS)
-        if G[0] > 0 and D[0] > 0:
-            points.append(high)
-            continue
-        middle = round_to_digits((low + high) / 2, 8)
-        if not low < middle < high or len(points) > MAX_CELLS:
-            return None
-        work += [(middle, high), (low, middle)]
+def _enclosure(cases: Sequence[Case]) -> dict[str, object] | None:
+    for bits in PRECISIONS[:3]:
+        points: set[Fraction] = {v for band, _ in cases for v in band}
+        for band, law in cases:
+            found = find_cells(law, band, bits)
+            if found is None:
+                break
+            points |= set(found)
+        else:
+            return {"points": to_text(tuple(sorted(points))), "bits": str(bits)}
     return None
 
 
-def jacobian_value(law: LoadLaw, v: Fraction) -> tuple[float, float, float]:
-    """G, G + v G' and v B' at one voltage, in floats: for looking around only."""
-
-    def total(terms: tuple[PowerTerm, ...], weight: int) -> float:
-        x = float(v)
-        parts = ((t, float(t.coefficient) / x**2 * (x / float(t.base_volt)) ** float(t.exponent)) for t in terms)
-        return math.fsum(value * (float(t.exponent) - weight if weight else 1.0) for t, value in parts)
-
-    try:
-        return total(law.active, 0), total(law.active, 1), -total(law.reactive, 2)
-    except OverflowError:
-        return 0.0, 0.0, 0.0
+METHODS: dict[str, Callable[[Sequence[Case]], dict[str, object] | None]] = {
+    "ends": _no_data,
+    "bernstein": _for_polynomials(_bernstein),
+    "sturm": _for_polynomials(_no_data),
+    "enclosure": _enclosure,
+    "sos": _for_polynomials(_sos),
+}
 
 
-def determinant_value(law: LoadLaw, v: Fraction) -> tuple[float, float]:
-    """G and D at one voltage, in floats."""
-    G, radial, cross = jacobian_value(law, v)
-    return G, G * radial - cross**2 / 4
-
-
-def find_violations(law: LoadLaw, band: Pair) -> list[Fraction]:
-    """Voltages of the band where G or D seems negative, the plainest first; exact for polynomial laws."""
-    grid = [round_to_digits(band[0] + (band[1] - band[0]) * Fraction(k, 64), 4) for k in range(65)]
-    grid = [band[0], *(v for v in grid if band[0] < v < band[1]), band[1]]
-    found = []
-    for v in grid:
-        G, D = determinant_value(law, v)
-        if min(G, D) < 0:
-            found.append((D if D < 0 else G * abs(G), v))
-    if found:
-        best = sorted(found)
-        return [best[0][1], best[len(best) // 2][1]]
-    if power_polynomials(law) is None:
-        return []
-    P, D_poly = jacobian_polynomials(law)
-    for p in (D_poly, P):
-        omega = find_negative_point(on_half_line(p, band))
-        if omega is not None:
-            return [(band[0] + band[1] * omega**2) / (1 + omega**2)]
-    return []
-
-
-def on_half_line(p: Polynomial, band: Pair) -> Polynomial:
-    """(1 + x)^n p((v1 + v2 x) / (1 + x)): the signs of p on the band, carried to x > 0."""
-    n, result = len(p) - 1, to_polynomial([])
-    for k, a in enumerate(p):
-        term = to_polynomial([a])
-        for _ in range(k):
-            term = poly.multiply(term, to_polynomial(list(band)))
-        rest = to_polynomial([math.comb(n - k, i) for i in range(n - k + 1)])
-        result = poly.add(result, poly.multiply(term, rest))
-    return result
-
-
-def find_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fraction]]:
-    """Pairs of voltages around v, and the tangent of half their angle, whose product is negative as far as one sees."""
-    G, D = jacobian_enclosure(law, v, v, FINE_BITS)
-    if G[0] > 0 and D[0] > 0:
-        return
-    if G[0] < 0:
-        yield (v, v), Fraction(1)  # turning the phasor is enough
-    for k in (*range(1, 40, 2), *range(40, 400, 12)):
-        step = (band[1] - band[0]) / 2**k
-        ends = (round_to_digits(x, 3 + k // 2) for x in (v - step, v + step))
-        a, b = (min(max(x, band[0]), band[1]) for x in ends)
-        if a >= b:
+def find_cuts(polynomials: Sequence[Whole], band: Pair) -> list[Fraction] | None:
+    """Points between which no Bernstein coefficient is negative; None if they are too many, or a value is negative."""
+    points, work = [band[0]], [band]
+    while work:
+        low, high = work.pop()
+        signs = [bernstein_signs(p, low, high) for p in polynomials]
+        if any(s and min(s[0], s[-1]) < 0 for s in signs) or len(points) > MAX_CUTS:
+            return None
+        if min(min(s, default=0) for s in signs) >= 0:
+            points.append(high)
             continue
-        P_a, Q_a, P_b, Q_b = (_value(terms, x) for x in (a, b) for terms in (law.active, law.reactive))
-        conductance = P_a / a**2 + P_b / b**2
-        susceptance = Q_b / b**2 - Q_a / a**2  # B_a - B_b, with B = -Q / v^2
-        if conductance > 0:
-            y = round_to_digits(susceptance / conductance, 150)
-            t = y / (1 + square_root(1 + y * y, 60))
-            tangents = [round_to_digits(t, digits) for digits in (2, 6, 20, 60)]
-        else:
-            tangents = [Fraction(1), Fraction(-1)]
-        for t in tangents:  # the product of rule `voltage-pair` at middle values: the rule itself costs too much to try
-            cosine, sine = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
-            if P_a + P_b < a * b * (conductance * cosine + susceptance * sine):
-                yield (a, b), t
-                break
+        middle = round_to_digits((low + high) / 2, 4)
+        if not low < middle < high or len(work) > MAX_CUTS:
+            return None
+        work += [(middle, high), (low, middle)]
+    return points
 
 
-def _value(terms: tuple[PowerTerm, ...], v: Fraction) -> Fraction:
-    """A power at one voltage, to within FINE_BITS."""
-    total = Fraction(0)
-    for term in terms:
-        low, high = power_enclosure(v / term.base_volt, term.exponent, FINE_BITS)
-        total += term.coefficient * (low + high) / 2
-    return total
+def find_cells(law: LoadLaw, band: Pair, bits: int) -> list[Fraction] | None:
+    """Points between which enclosures tell that G and D are not negative; None if too many are needed."""
+
+    def at(v: Fraction) -> tuple[loads.Parts, loads.Parts]:
+        return loads.admittances(law.active, v, bits), loads.admittances(law.reactive, v, bits)
+
+    start = sorted({*band, *(v for v in find_touching(law, band) if band[0] < v < band[1])})
+    known = {v: at(v) for v in start}
+    points, work = [band[0]], list(pairwise(start))[::-1]
+    while work:
+        low, high = work.pop()
+        if loads.cell_sign(known[low], known[high]) is not None:
+            points.append(high)
+            continue
+        middle = round_to_digits((low + high) / 2, 8)
+        if not low < middle < high or len(points) + len(work) > MAX_CELLS:
+            return None
+        known[middle] = at(middle)
+        if any(x[0][1] < 0 for x in loads.jets(*known[middle])):
+            return None
+        work += [(middle, high), (low, middle)]
+    return points
+
+
+def _strongly(cases: Sequence[Case], method: str | None) -> Iterator[Proposal]:
+    """Proofs with a modulus: a number of few digits below the smallest eigenvalue that a grid of voltages shows."""
+    least = min(
+        smallest_eigenvalue(law, band[0] + (band[1] - band[0]) * Fraction(k, 32))
+        for band, law in cases
+        for k in range(33)
+        if band[0] or k
+    )
+    for share, digits in ((0.999, 3), (0.95, 1), (0.5, 1), (0.1, 1), (0.01, 1)):
+        if least * share > 1e-300:
+            modulus = round_to_digits(Fraction(least * share), digits)
+            shifted = [(band, less_conductance(law, modulus)) for band, law in cases]
+            for proposal in _proofs(shifted, method):
+                yield Proposal("proved", proposal.rule, proposal.data | {"modulus": str(modulus)})

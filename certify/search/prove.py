@@ -8,9 +8,10 @@ from typing import Any
 
 from certify.kernel.check import proof_key
 from certify.kernel.claims import Context, assumptions, but_for_a_shortage, overall, statements
+from certify.kernel.data import Data
 from certify.kernel.errors import RuleFailure
-from certify.kernel.proofs import RULES, Data, least_resistance
-from certify.kernel.rules import lipschitz_bound
+from certify.kernel.loads import lipschitz_bound
+from certify.kernel.proofs import HOLDS, RULES, least_resistance
 from certify.kernel.spec import Microgrid
 from certify.search.dgu import propose_dgu
 from certify.search.loads import propose_load
@@ -29,12 +30,14 @@ REASONS = {
 Progress = Callable[[int, int], None]
 
 
-def find_claims(grid: Microgrid, progress: Progress | None = None, refute: bool = True) -> dict[str, Any]:
+def find_claims(
+    grid: Microgrid, progress: Progress | None = None, refute: bool = True, method: str | None = None
+) -> dict[str, Any]:
     """The claims, proofs, ledger and verdict for a microgrid, as a certificate holds them; and notes on open claims.
 
-    Without `refute` no time is spent on why a DGU with tolerances has no proof.
+    Without `refute` no time is spent on why a DGU with tolerances has no proof. `method`: the only one for loads.
     """
-    search = Search(grid, refute)
+    search = Search(grid, refute, method)
     for count, name in enumerate(search.expected):
         search.decide(name)
         if progress:
@@ -49,8 +52,8 @@ class Search:
     claim about its island follows from it; otherwise the refutation of its passivity is what one should know.
     """
 
-    def __init__(self, grid: Microgrid, refute: bool = True) -> None:
-        self.refute = refute
+    def __init__(self, grid: Microgrid, refute: bool = True, method: str | None = None) -> None:
+        self.refute, self.method = refute, method
         self.context = Context(grid)
         self.expected = statements(self.context)
         self.known: dict[Any, Proposal | None] = {}
@@ -73,7 +76,7 @@ class Search:
         return {
             "claims": claims,
             "proofs": proofs,
-            "assumptions": assumptions(self.context.grid),
+            "assumptions": assumptions(self.context.grid, self.context.sampled),
             "verdict": overall(self.context.status),
             "notes": self.notes,
         }
@@ -83,16 +86,17 @@ class Search:
         if kind == "dgu":
             found = self._dgu(what)
         elif kind == "load":
-            law, band = self.context.law(what)
+            pieces = self.context.pieces(what)
             strongly = what in self.context.shortages
-            found = self._first("load", what, (law, band, strongly), lambda: propose_load(law, band, strongly))
+            found = self._first("load", what, (pieces, strongly), lambda: propose_load(pieces, strongly, self.method))
         elif kind == "island":
             found = self._first("island", what, None, lambda: self._pins(what))
             if found is None:
                 self._give_up_shortages(what)
         else:
             rule = {"branch": "series-branch", "interconnection": "skew-incidence"}.get(kind, "passive-interconnection")
-            found = self._first(kind, what, None, lambda: iter([Proposal("proved", rule)]))
+            status = "conditional" if kind == "microgrid" and self.context.sampled else "proved"
+            found = self._first(kind, what, None, lambda: iter([Proposal(status, rule)]))
         self._settle(name, found)
 
     def _settle(self, name: str, found: Proposal | None) -> None:
@@ -183,7 +187,7 @@ class Search:
         useless = [node for node in short if self._is_large(node)]
         others = (f"load/{node}" for node in island if context.nodes[node].band_volt)
         dgus = (f"dgu/{node}" for node in island if context.nodes[node].dgu)
-        if not useless and all(status[claim] == "proved" for claim in (*others, *dgus)):
+        if not useless and all(status[claim] in HOLDS for claim in (*others, *dgus)):
             useless = short  # what remains is that the lines do not make up for all of them together
         for node in useless if self.refute else ():
             shortage, storage = self.context.shortages.pop(node), self.context.storages.pop(node)
@@ -204,11 +208,12 @@ class Search:
             return True
         if context.nodes[node].band_volt is None or context.status[f"load/{node}"] != "proved":
             return False
-        return context.moduli.get(node, 0) <= 2 * shortage * lipschitz_bound(*context.law(node)) ** 2
+        return context.moduli.get(node, 0) <= 2 * shortage * lipschitz_bound(context.pieces(node)) ** 2
 
     def _pins(self, island: tuple[str, ...]) -> Iterator[Proposal]:
         """Where V~ = 0 may follow: a strictly monotone load, a series branch, then the DGUs."""
         context = self.context
+        status = "conditional" if context.sampled.intersection(island) else "proved"
         by_kind = (
             ("load", (name for name in island if name in context.strict_loads)),
             ("branch", (name for name in island if context.nodes[name].branches)),
@@ -216,7 +221,7 @@ class Search:
         )
         for by, names in by_kind:
             for name in names:
-                yield Proposal("proved", "invariant-set", {"by": by, "at": name})
+                yield Proposal(status, "invariant-set", {"by": by, "at": name})
                 if by != "dgu":
                     break  # the other conditions do not depend on the pin
 
@@ -229,6 +234,8 @@ class Search:
                 return "P206"
             if len(self.context.corners(subject[1])) > 1:
                 return "P208" if self.context.port(subject[1]).capacitance_farad is not None else "P209"
+        if subject[0] == "load" and self.method:
+            return "P210"
         return REASONS[subject[0]]
 
 

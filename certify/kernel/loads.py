@@ -1,0 +1,324 @@
+"""The rules about static loads (THEORY 5): when a load current is monotone in the voltage, and when it is not.
+
+Each is a theorem of FORMAT.md, on one band of voltages |V| in which the load is one sum of power laws. With
+G = P/v^2, B = -Q/v^2 and D = G (G + v G') - (v B')^2 / 4, every rule that proves shows G >= 0 and D >= 0 on the band,
+and returns whether both are shown to be positive; it raises `RuleFailure` if it does not show the former.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+from itertools import pairwise
+from math import gcd, lcm
+
+from certify.kernel.errors import require
+from certify.kernel.linalg import Matrix, is_symmetric, ldl_pivots
+from certify.kernel.model import LoadLaw, PowerTerm
+from certify.kernel.poly import (
+    Polynomial,
+    Whole,
+    bernstein_signs,
+    evaluate,
+    is_nonnegative_on,
+    is_positive_on,
+    substitute,
+    to_polynomial,
+)
+from certify.kernel.powers import PRECISIONS, Interval, compare_power, interval_product, interval_sum, power_enclosure
+from certify.kernel.reader import Pair
+
+MAX_DEGREE = 12  # of P and Q as polynomials in v
+NEGATIVE_G = "the conductance G is negative somewhere on the band"
+NEGATIVE_D = "D = G (G + v G') - (v B')^2 / 4 is negative somewhere on the band"
+
+
+def is_polynomial(law: LoadLaw) -> bool:
+    """Whether P and Q are polynomials in v of a degree that the exact rules take."""
+    return all(t.exponent.denominator == 1 and 0 <= t.exponent <= MAX_DEGREE for t in (*law.active, *law.reactive))
+
+
+def jacobian_polynomials(law: LoadLaw) -> tuple[Whole, Whole]:
+    """Positive multiples of P = G v^2 and of D v^4 = P (v P' - P) - (v Q' - 2 Q)^2 / 4, as polynomials in v."""
+    require(is_polynomial(law), f"an exponent is not a whole number from 0 to {MAX_DEGREE}")
+    powers = [
+        [(t.exponent.numerator, t.coefficient / t.base_volt**t.exponent.numerator) for t in part]
+        for part in (law.active, law.reactive)
+    ]
+    common = lcm(*(c.denominator for part in powers for _, c in part))
+    active, reactive = ([(e, c.numerator * (common // c.denominator)) for e, c in part] for part in powers)
+    P, D = [0] * (MAX_DEGREE + 1), [0] * (2 * MAX_DEGREE + 1)
+    for i, a in active:
+        P[i] += a
+        for j, b in active:
+            D[i + j] += 4 * a * b * (j - 1)
+    for i, a in reactive:
+        for j, b in reactive:
+            D[i + j] -= (i - 2) * (j - 2) * a * b
+    return _primitive(P), _primitive(D)
+
+
+def _primitive(p: list[int]) -> Whole:
+    while p and not p[-1]:
+        p.pop()
+    content = gcd(*p) or 1
+    return tuple(c // content for c in p)
+
+
+def is_constant_admittance(law: LoadLaw) -> bool:
+    return all(t.exponent == 2 for t in (*law.active, *law.reactive))
+
+
+def constant_admittance(law: LoadLaw) -> bool:
+    """Below every cut-off, down to v = 0: D = G^2, so G >= 0 is all. True if G > 0."""
+    G = sum((t.coefficient / t.base_volt**2 for t in law.active), Fraction(0))
+    require(G >= 0, NEGATIVE_G)
+    return G > 0
+
+
+# --- exact methods ------------------------------------------------------------------------------------------
+
+
+def monotone_ends(law: LoadLaw, band: Pair) -> bool:
+    """Rule `monotone-ends`: the ends of the band decide for one exponential load or a ZIP load of no negative part."""
+    if len(law.active) == 1 and len(law.reactive) <= 1:
+        return _exponential_ends(law, band)
+    terms = (*law.active, *law.reactive)
+    require(all(t.exponent in (0, 1, 2) for t in terms), "neither a single exponential law nor a ZIP load")
+    worst = (*law.active, *(t for t in law.reactive if t.exponent != 2))  # a constant susceptance does not enter D
+    require(all(t.coefficient >= 0 for t in worst), "a parameter of the ZIP load is negative")
+    value = evaluate(to_polynomial(jacobian_polynomials(law)[1]), band[0])
+    require(value >= 0, "D v^2, which increases, is negative at the lower end of the band")
+    return value > 0
+
+
+def _exponential_ends(law: LoadLaw, band: Pair) -> bool:
+    P = law.active[0]
+    require(P.coefficient > 0 and P.exponent >= 1, "the active power does not have P0 > 0 and np >= 1")
+    if not law.reactive or law.reactive[0].exponent == 2:
+        return P.exponent > 1
+    Q = law.reactive[0]
+    require(P.exponent > 1, "np = 1 leaves nothing to make up for the reactive power")
+    base = Q.base_volt if P.exponent.denominator == 1 else P.base_volt
+    P, Q = _rebased(P, base), _rebased(Q, base)
+    bound = ((Q.exponent - 2) * Q.coefficient / P.coefficient) ** 2 / (4 * (P.exponent - 1))
+    signs = [compare_power(v / base, 2 * (P.exponent - Q.exponent), bound) for v in band]
+    require(None not in signs, "a power is too close to its bound to be told apart")
+    require(min(s or 0 for s in signs) >= 0, "4 (np-1) P^2 < (nq-2)^2 Q^2 at an end of the band")
+    return 0 not in signs
+
+
+def _rebased(term: PowerTerm, base: Fraction) -> PowerTerm:
+    if term.base_volt == base:
+        return term
+    require(term.exponent.denominator == 1, "two different nominal voltages with broken exponents")
+    factor = (base / term.base_volt) ** term.exponent.numerator
+    return PowerTerm(term.coefficient * factor, base, term.exponent)
+
+
+def monotone_sturm(law: LoadLaw, band: Pair) -> bool:
+    """Rule `monotone-sturm`: P >= 0 and D v^4 >= 0 on the band by Sturm counts."""
+    P, D = (to_polynomial(p) for p in jacobian_polynomials(law))
+    if is_positive_on(P, *band) and is_positive_on(D, *band):
+        return True
+    require(is_nonnegative_on(P, *band), NEGATIVE_G)
+    require(is_nonnegative_on(D, *band), NEGATIVE_D)
+    return False
+
+
+def monotone_bernstein(law: LoadLaw, cells: Sequence[Fraction]) -> bool:
+    """Rule `monotone-bernstein`: on each cell, P and D v^4 have no negative coefficient in the Bernstein basis."""
+    strict = True
+    for p, what in zip(jacobian_polynomials(law), "PD", strict=True):
+        for low, high in pairwise(cells):
+            signs = bernstein_signs(p, low, high)
+            require(min(signs, default=0) >= 0, f"{what} has a negative Bernstein coefficient on {low} V to {high} V")
+            strict = strict and bool(signs) and signs[0] > 0 and signs[-1] > 0
+    return strict
+
+
+def monotone_sos(law: LoadLaw, band: Pair, grams: Sequence[Matrix]) -> bool:
+    """Rule `monotone-sos`: P and D v^4 as sigma0 + (1 - x^2) sigma1, sums of squares in x = -1 .. 1 along the band.
+
+    `grams`: the Gram matrices of sigma0 and sigma1 for P, then for D v^4, in the monomials 1, x, x^2, ...
+    """
+    require(len(grams) == 4, "a proof by sums of squares has four Gram matrices")
+    middle, half = (band[0] + band[1]) / 2, (band[1] - band[0]) / 2
+    strict = [
+        _sum_of_squares(substitute(p, middle, half), *pair)
+        for p, pair in zip(jacobian_polynomials(law), (grams[:2], grams[2:]), strict=True)
+    ]
+    return all(strict)
+
+
+def _sum_of_squares(p: Polynomial, first: Matrix, second: Matrix) -> bool:
+    """Whether sigma0 is positive definite; fails unless p = sigma0 + (1 - x^2) sigma1 with Gram matrices >= 0."""
+    size = len(first)
+    require(0 < size <= MAX_DEGREE + 2 and len(second) <= size - 1, "the Gram matrices do not fit each other")
+    total = [Fraction(0)] * (2 * size + 1)
+    for gram, shifts in ((first, ((0, 1),)), (second, ((0, 1), (2, -1)))):
+        require(is_symmetric(gram), "a Gram matrix is not symmetric")
+        for i, row in enumerate(gram):
+            for j, entry in enumerate(row):
+                for shift, sign in shifts:
+                    total[i + j + shift] += sign * entry
+    require(to_polynomial(total) == p, "the Gram matrices do not give the polynomial")
+    pivots = []
+    for gram in (first, second):
+        diagonal, semidefinite = ldl_pivots(gram)
+        require(semidefinite, "a Gram matrix is not positive semidefinite")
+        pivots.append(diagonal)
+    return all(x > 0 for x in pivots[0])
+
+
+# --- enclosures ---------------------------------------------------------------------------------------------
+
+Jet = tuple[Interval, Interval, Interval]  # a value and its first two derivatives with respect to ln v
+
+
+def _square(x: Interval) -> Interval:
+    low, high = interval_product(x, x)
+    return (Fraction(0) if x[0] <= 0 <= x[1] else max(low, Fraction(0))), high
+
+
+def admittances(terms: Iterable[PowerTerm], v: Fraction, bits: int) -> list[tuple[Fraction, Interval]]:
+    """For each term, its exponent and an enclosure of its power over v^2, in siemens."""
+    result = []
+    for t in terms:
+        factor = ((t.coefficient - t.blur) / t.base_volt**2, (t.coefficient + t.blur) / t.base_volt**2)
+        result.append((t.exponent, interval_product(factor, power_enclosure(v / t.base_volt, t.exponent - 2, bits))))
+    return result
+
+
+Parts = list[tuple[Fraction, Interval]]
+
+
+def total(parts: Parts, factors: Iterable[Fraction | int] = ()) -> Interval:
+    """The sum of the parts, each times its factor."""
+    low = high = Fraction(0)
+    for (_, (a, b)), f in zip(parts, factors or [1] * len(parts), strict=True):
+        low, high = (low + f * a, high + f * b) if f >= 0 else (low + f * b, high + f * a)
+    return low, high
+
+
+def jets(active: Parts, reactive: Parts) -> tuple[Jet, Jet]:
+    """Enclosures of G and D with two derivatives, from those of the terms; d/d ln v of v^(e-2) is (e-2) v^(e-2)."""
+    G = [total(active, [(e - 2) ** k for e, _ in active]) for k in range(3)]
+    R = [total(active, [(e - 1) * (e - 2) ** k for e, _ in active]) for k in range(3)]  # G + v G'
+    X = [total(reactive, [(e - 2) ** (k + 1) for e, _ in reactive]) for k in range(3)]  # -v B'
+
+    def combined(*summands: tuple[Fraction | int, Interval]) -> Interval:
+        return total([(Fraction(0), x) for _, x in summands], [f for f, _ in summands])
+
+    times, quarter, half = interval_product, Fraction(-1, 4), Fraction(-1, 2)
+    D = (
+        combined((1, times(G[0], R[0])), (quarter, _square(X[0]))),
+        combined((1, times(G[1], R[0])), (1, times(G[0], R[1])), (half, times(X[0], X[1]))),
+        combined(
+            (1, times(G[2], R[0])),
+            (2, times(G[1], R[1])),
+            (1, times(G[0], R[2])),
+            (half, _square(X[1])),
+            (half, times(X[0], X[2])),
+        ),
+    )
+    return (G[0], G[1], G[2]), D
+
+
+def jacobian_enclosure(law: LoadLaw, v: Fraction, bits: int) -> tuple[Interval, Interval]:
+    """Enclosures of G and D at one voltage."""
+    G, D = jets(admittances(law.active, v, bits), admittances(law.reactive, v, bits))
+    return G[0], D[0]
+
+
+def _sign_on_cell(cell: Jet, low: Jet, high: Jet) -> bool | None:
+    """Whether a function is positive (True) or at least not negative (False) on a cell, as far as enclosures tell.
+
+    By its values on the cell; or by that at one end, if it does not decrease from there; or if its first derivative
+    there points upwards and its second on the cell is not negative.
+    """
+    for order in range(3):
+        for end, sign in ((low, 1), (high, -1)):
+            toward = [x if sign ** (k % 2) == 1 else (-x[1], -x[0]) for k, x in enumerate(end)]
+            inside = cell[order] if sign ** (order % 2) == 1 else (-cell[order][1], -cell[order][0])
+            if inside[0] >= 0 and all(x[0] >= 0 for x in toward[:order]):
+                return (inside if order == 0 else toward[0])[0] > 0
+    return None
+
+
+def cell_sign(low: tuple[Parts, Parts], high: tuple[Parts, Parts]) -> bool | None:
+    """For G and D together, on the cell between two voltages at which the admittances of the terms are given."""
+
+    def hull(a: Parts, b: Parts) -> Parts:
+        # each power is monotone in v, so its values at the ends enclose it
+        return [(e, (min(x[0], y[0]), max(x[1], y[1]))) for (e, x), (_, y) in zip(a, b, strict=True)]
+
+    ends = [jets(*parts) for parts in (low, high)]
+    cell = jets(hull(low[0], high[0]), hull(low[1], high[1]))
+    signs = [_sign_on_cell(cell[k], ends[0][k], ends[1][k]) for k in range(2)]
+    return None if None in signs else all(signs)
+
+
+def monotone_enclosure(law: LoadLaw, cells: Sequence[Fraction], bits: int) -> bool:
+    """Rule `monotone-enclosure`: G and D on every cell between consecutive voltages, by enclosures rounded outwards."""
+    strict, before = True, None
+    for v in cells:
+        here = (admittances(law.active, v, bits), admittances(law.reactive, v, bits))
+        if before is not None:
+            sign = cell_sign(before, here)
+            require(sign is not None, f"G or D may be negative on the cell that ends at {v} V")
+            strict = strict and bool(sign)
+        before = here
+    return strict
+
+
+def sampled(law: LoadLaw, band: Pair, count: int) -> None:
+    """Rule `sampled`: no violation at the ends and at `count` points of the van der Corput sequence. Proves nothing."""
+    for k in range(count + 2):
+        mirrored = bin(k)[:1:-1]  # the binary digits of k, mirrored at the point
+        share = Fraction(int(mirrored, 2), 1 << len(mirrored)) if k <= count else Fraction(1)
+        G, D = jacobian_enclosure(law, band[0] + (band[1] - band[0]) * share, PRECISIONS[0])
+        require(G[1] >= 0 and D[1] >= 0, "a sample shows that the load is not monotone")
+
+
+# --- refutation, and numbers that later rules use -----------------------------------------------------------------
+
+
+def voltage_pair(law: LoadLaw, band: Pair, v: Fraction, pair: Pair, t: Fraction) -> Interval:
+    """Rule `voltage-pair`: G(v) < 0 or D(v) < 0 at a voltage of the band, and two voltages whose product is negative.
+
+    The two are a = pair[0] at angle 0 and b = pair[1] at the angle with tan(angle/2) = t; the product is
+    <V_b - V_a, I(V_b) - I(V_a)> = P(a) + P(b) - a b ((G_a + G_b) cos + (B_a - B_b) sin). Returns it, enclosed, in W.
+    """
+    require(all(x > 0 and band[0] <= x <= band[1] for x in (v, *pair)), "a voltage is outside the band")
+    (a, b), cosine, sine = pair, (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+    # the product, as a sum of G_a, G_b, -B_a, -B_b times these
+    factors = ((a - b * cosine) * a, (b - a * cosine) * b, a * b * sine, -a * b * sine)
+    active = negative = False
+    for bits in PRECISIONS:
+        G, D = jacobian_enclosure(law, v, bits)
+        values = [total(admittances(terms, x, bits)) for terms in (law.active, law.reactive) for x in pair]
+        product = interval_sum(interval_product((f, f), x) for f, x in zip(factors, values, strict=True))
+        active, negative = G[1] < 0 or D[1] < 0, product[1] < 0
+        if active and negative:
+            return product
+    require(active, "neither G nor D is negative at the voltage named")
+    require(negative, "the product of the two voltages is not negative")
+    return product
+
+
+def lipschitz_bound(pieces: Iterable[tuple[Pair, LoadLaw]]) -> Fraction:
+    """A Lambda with |I(V) - I(U)| <= Lambda |V - U| on the band, for every law of the box: FORMAT.md, section 4.
+
+    It is sup |Y| + sup |v Y'|, each term of the power laws taken at the worse end of its piece of the band.
+    """
+    values, slopes = [Fraction(0)], [Fraction(0)]
+    for band, law in pieces:
+        value = slope = Fraction(0)
+        for t in (*law.active, *law.reactive):
+            top = max(power_enclosure(v / t.base_volt, t.exponent - 2, PRECISIONS[0])[1] for v in band)
+            size = (abs(t.coefficient) + t.spread + t.blur) / t.base_volt**2 * top
+            value, slope = value + size, slope + abs(t.exponent - 2) * size
+        values.append(value)
+        slopes.append(slope)
+    return max(values) + max(slopes)

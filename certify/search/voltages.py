@@ -1,0 +1,172 @@
+"""Voltages at which a load is not monotone, or nearly not, and pairs of them that show it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from fractions import Fraction
+
+from certify.kernel import loads, poly
+from certify.kernel.model import LoadLaw, PowerTerm
+from certify.kernel.poly import to_polynomial
+from certify.kernel.powers import power_enclosure
+from certify.kernel.reader import Pair
+from certify.search.roots import find_negative_point, round_to_digits, square_root
+
+FINE_BITS = 600  # of the values from which a pair of voltages is built
+GRID = 64
+
+
+def jacobian_value(law: LoadLaw, v: Fraction) -> tuple[float, float, float]:
+    """G, G + v G' and v B' at one voltage, in floats: for looking around only."""
+
+    def total(terms: tuple[PowerTerm, ...], weight: int) -> float:
+        x = float(v)
+        parts = ((t, float(t.coefficient) / x**2 * (x / float(t.base_volt)) ** float(t.exponent)) for t in terms)
+        return math.fsum(value * (float(t.exponent) - weight if weight else 1.0) for t, value in parts)
+
+    try:
+        return total(law.active, 0), total(law.active, 1), -total(law.reactive, 2)
+    except OverflowError:
+        return 0.0, 0.0, 0.0
+
+
+def smallest_eigenvalue(law: LoadLaw, v: Fraction) -> float:
+    """Of the symmetric part of the Jacobian at one voltage, in siemens and in floats."""
+    G, radial, cross = jacobian_value(law, v)
+    return (G + radial) / 2 - math.hypot((radial - G) / 2, cross / 2)
+
+
+def determinant_value(law: LoadLaw, v: Fraction) -> tuple[float, float]:
+    """G and D at one voltage, in floats."""
+    G, radial, cross = jacobian_value(law, v)
+    return G, G * radial - cross**2 / 4
+
+
+def _grid(band: Pair) -> list[Fraction]:
+    low = band[0] or band[1] / 2**20  # nothing happens below a cut-off
+    inner = (round_to_digits(low + (band[1] - low) * Fraction(k, GRID), 4) for k in range(1, GRID))
+    return [low, *(v for v in inner if low < v < band[1]), band[1]]
+
+
+def find_violations(law: LoadLaw, band: Pair) -> list[Fraction]:
+    """Voltages of the band where G or D is negative as far as one sees, the plainest first."""
+    found = []
+    for v in _grid(band):
+        G, D = determinant_value(law, v)
+        if min(G, D) < 0:
+            found.append((D if D < 0 else G * abs(G), v))
+    if found:
+        best = sorted(found)
+        return [best[0][1], best[len(best) // 2][1]]
+    if not loads.is_polynomial(law):
+        return [v for v in _lowest(law, band) if min(x[0] for x in loads.jacobian_enclosure(law, v, FINE_BITS)) < 0]
+    for p in loads.jacobian_polynomials(law)[::-1]:
+        omega = find_negative_point(to_polynomial(poly.bernstein_signs(p, *band)))  # the band, carried to x > 0
+        if omega is not None:
+            return [(band[0] + band[1] * omega**2) / (1 + omega**2)]
+    return []
+
+
+def _lowest(law: LoadLaw, band: Pair) -> list[Fraction]:
+    """Where D is lowest, to about a hundred digits: the ends of the band, and roots of its derivative by Newton."""
+    grid = _grid(band)
+    values = [determinant_value(law, v)[1] for v in grid]
+    found = [band[0] or grid[0], band[1]]
+    for k in range(1, len(grid) - 1):
+        if values[k] <= min(values[k - 1], values[k + 1]):
+            v = grid[k]
+            for _ in range(12):
+                _, slope, bend = _middles(law, v)
+                if bend <= 0 or abs(slope) >= bend / 4:  # no minimum that a step of Newton's in ln v finds
+                    break
+                v = round_to_digits(v * (1 - slope / bend), 120)
+            if band[0] < v < band[1]:
+                found.append(v)
+    return found
+
+
+def _middles(law: LoadLaw, v: Fraction) -> tuple[Fraction, ...]:
+    _, D = loads.jets(*(loads.admittances(terms, v, FINE_BITS) for terms in (law.active, law.reactive)))
+    return tuple((low + high) / 2 for low, high in D)
+
+
+def find_touching(law: LoadLaw, band: Pair) -> list[Fraction]:
+    """Voltages where D may vanish exactly: nominal ones, and those of few digits at a minimum of D."""
+    found = [term.base_volt for term in (*law.active, *law.reactive)]
+    for v in _lowest(law, band)[2:]:
+        for base in {term.base_volt for term in (*law.active, *law.reactive)}:
+            simple = (v / base).limit_denominator(10**6)
+            if abs(v / base - simple) < Fraction(1, 10**20):
+                found.append(base * simple)
+    return found
+
+
+def find_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fraction]]:
+    """Pairs of voltages around v, and the tangent of half their angle, whose product is negative as far as one sees."""
+    if not any(term.blur for term in (*law.active, *law.reactive)):
+        yield from _plain_pairs(law, band, v)
+    G, D = loads.jacobian_enclosure(law, v, FINE_BITS)
+    if G[0] > 0 and D[0] > 0:
+        return
+    if G[0] < 0:
+        yield (v, v), Fraction(1)  # turning the phasor is enough
+    for k in (*range(1, 40, 2), *range(40, 400, 12)):
+        step = (band[1] - band[0]) / 2**k
+        ends = (round_to_digits(x, 3 + k // 2) for x in (v - step, v + step))
+        a, b = (min(max(x, band[0] or v / 2), band[1]) for x in ends)
+        if a >= b:
+            continue
+        P_a, Q_a, P_b, Q_b = (_value(terms, x) for x in (a, b) for terms in (law.active, law.reactive))
+        conductance = P_a / a**2 + P_b / b**2
+        susceptance = Q_b / b**2 - Q_a / a**2  # B_a - B_b, with B = -Q / v^2
+        if conductance > 0:
+            y = round_to_digits(susceptance / conductance, 150)
+            t = y / (1 + square_root(1 + y * y, 60))
+            tangents = [round_to_digits(t, digits) for digits in (2, 6, 20, 60)]
+        else:
+            tangents = [Fraction(1), Fraction(-1)]
+        for t in tangents:  # the product of rule `voltage-pair` at middle values: the rule itself costs too much to try
+            cosine, sine = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+            if P_a + P_b < a * b * (conductance * cosine + susceptance * sine):
+                yield (a, b), t
+                break
+
+
+def _plain_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fraction]]:
+    """A pair that floats find and can trust: most loads that are not monotone are so by far."""
+    terms = [
+        [(float(t.coefficient), float(t.base_volt), float(t.exponent)) for t in part]
+        for part in (law.active, law.reactive)
+    ]
+    low = band[0] or v / 2
+    for k in (1, 2, 4, 6, 8):
+        step = (band[1] - band[0]) / 2**k
+        a, b = (min(max(round_to_digits(x, 4), low), band[1]) for x in (v - step, v + step))
+        if a >= b:
+            continue
+        try:
+            x, y = float(a), float(b)
+            (P_a, Q_a), (P_b, Q_b) = ([sum(c * (u / s) ** e for c, s, e in part) for part in terms] for u in (x, y))
+            conductance, susceptance = P_a / x**2 + P_b / y**2, Q_b / y**2 - Q_a / x**2
+            half_angle = math.atan2(susceptance, conductance) / 2
+            if abs(half_angle) > 1.5:
+                continue
+            t = round_to_digits(Fraction(math.tan(half_angle)), 3)
+            angle = 2 * math.atan(float(t))
+            product = P_a + P_b - x * y * (conductance * math.cos(angle) + susceptance * math.sin(angle))
+            size = abs(P_a) + abs(P_b) + x * y * (abs(conductance) + abs(susceptance))
+        except (OverflowError, ZeroDivisionError):
+            return
+        if product < -1e-10 * size:
+            yield (a, b), t
+            return
+
+
+def _value(terms: tuple[PowerTerm, ...], v: Fraction) -> Fraction:
+    """A power at one voltage, to within FINE_BITS."""
+    total = Fraction(0)
+    for term in terms:
+        low, high = power_enclosure(v / term.base_volt, term.exponent, FINE_BITS)
+        total += term.coefficient * (low + high) / 2
+    return total
