@@ -25,7 +25,7 @@ Decide = Callable[[Fraction, Fraction, Fraction], str]
 # A load in a map: its two coordinates, and its power factor; None puts it into every panel.
 Point = tuple[Fraction, Fraction, Fraction | None]
 
-FINE = 401  # points along an axis where a border is drawn
+FINE = 201  # points along an axis where a border is computed
 
 
 def exponent_map(
@@ -69,7 +69,7 @@ def exponent_border(square: Fraction, band: Pair, span: Pair) -> list[tuple[Floa
     import numpy
     from scipy.special import lambertw
 
-    nq = numpy.union1d(numpy.linspace(float(span[0]), float(span[1]), 4 * FINE), [2.0])
+    nq = numpy.union1d(numpy.linspace(float(span[0]), float(span[1]), 8 * FINE), [2.0])
     lower, upper = numpy.zeros_like(nq), numpy.full_like(nq, numpy.inf)
     for v in map(float, band):
         a, c = 2 * numpy.log(v), float(square) * (nq - 2) ** 2 * v ** (2 * nq - 2) / 4
