@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from math import lcm
 
 from certify.kernel.errors import RuleFailure
 from certify.kernel.linalg import ONE, ZERO
@@ -45,11 +46,14 @@ def add(p: Bivariate, q: Bivariate, factor: Fraction | int = 1) -> Bivariate:
 
 
 def multiply(p: Bivariate, q: Bivariate) -> Bivariate:
-    terms: dict[tuple[int, int], Fraction] = {}
-    for (i, j), a in p:
-        for (k, m), b in q:
-            terms[i + k, j + m] = terms.get((i + k, j + m), ZERO) + a * b
-    return tidy(terms)
+    """In integers over a common denominator: much faster than with fractions."""
+    a, b = (lcm(*(c.denominator for _, c in side)) for side in (p, q))
+    left, right = ([(key, c.numerator * (d // c.denominator)) for key, c in s] for s, d in ((p, a), (q, b)))
+    terms: dict[tuple[int, int], int] = {}
+    for (i, j), x in left:
+        for (k, m), y in right:
+            terms[i + k, j + m] = terms.get((i + k, j + m), 0) + x * y
+    return tidy({key: Fraction(x, a * b) for key, x in terms.items()})
 
 
 def divide(p: Bivariate, q: Bivariate) -> Bivariate | None:
@@ -93,17 +97,15 @@ def evaluate(p: Bivariate, V: Pair) -> Fraction:
 
 
 def recentred(p: Bivariate, centre: Pair, radius: Fraction) -> Bivariate:
-    """p(centre + radius (x, y)) as a polynomial in x and y."""
-    powers: list[list[Bivariate]] = []
-    for axis, name in enumerate(("Vd", "Vq")):
-        line = add(tidy({(0, 0): centre[axis]}), NAMES[name], radius)
-        row = [UNIT]
-        for _ in range(max((key[axis] for key, _ in p), default=0)):
-            row.append(multiply(row[-1], line))
-        powers.append(row)
+    """p(centre + radius (x, y)) as a polynomial in x and y: by Horner's rule in Vd, its coefficients by that in Vq."""
+    lines = [add(tidy({(0, 0): c}), name, radius) for c, name in zip(centre, NAMES.values(), strict=True)]
     result: Bivariate = ()
-    for (i, j), c in p:
-        result = add(result, multiply(powers[0][i], powers[1][j]), c)
+    for i in range(max((i for (i, _), _ in p), default=-1), -1, -1):
+        column: Bivariate = ()
+        terms = {j: c for (k, j), c in p if k == i}
+        for j in range(max(terms, default=-1), -1, -1):
+            column = add(multiply(column, lines[1]), tidy({(0, 0): terms.get(j, ZERO)}))
+        result = add(multiply(result, lines[0]), column)
     return result
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from math import isqrt
+from math import isqrt, lcm
 
 from certify.kernel import linalg as la
 from certify.kernel.currents import (
@@ -26,7 +26,7 @@ from certify.kernel.reader import Pair
 from certify.kernel.rules import require
 
 MAX_SUM_DEGREE = 6  # of the monomials in a sum of squares
-CELLS = 8  # along each axis, for the Lipschitz bound
+MAX_GRAM_WORK = 1 << 15  # size of a Gram matrix times bits of its common denominator
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,8 @@ def sum_of_squares(form: Form, components: int, proof: DiskSum) -> bool:
     # the identity first, because it is cheap
     require({key: x for key, x in total.items() if x} == form, "the sum of squares is not the form it should be")
     for gram in (proof.disk, proof.gram):
+        common = lcm(*(x.denominator for row in gram for x in row))
+        require(len(gram) * common.bit_length() <= MAX_GRAM_WORK, "a Gram matrix has too many digits for its size")
         pivots, semidefinite = la.ldl_pivots(gram)
         require(semidefinite, "a Gram matrix is not positive semidefinite")
         definite = all(pivots)
@@ -140,13 +142,14 @@ def current_pair(law: CurrentLaw, centre: Pair, radius: Fraction, U: Pair, V: Pa
 def lipschitz_bound_disk(law: CurrentLaw, centre: Pair, radius: Fraction, margin: Fraction = la.ZERO) -> Fraction:
     """A Lambda in siemens with |I(V) - I(U)| <= Lambda |V - U| on the disk, where |q| >= margin is known, if anything.
 
-    On each of 8 x 8 cells, polynomials in coordinates from -1 to 1 are bounded by their coefficients.
+    On each cell of a grid, polynomials in coordinates from -1 to 1 are bounded by their coefficients.
     """
     require(radius > 0 and margin >= 0, "the radius is not positive or the margin is negative")
-    size, worst = radius / CELLS, la.ZERO  # half the width of a cell
-    steps = range(1 - CELLS, CELLS, 2)
+    cells = min(8, max(2, 12 - sum(max(map(total_degree, part)) for part in (law.numerators, [law.denominator]))))
+    size, worst = radius / cells, la.ZERO  # half the width of a cell: the larger the degrees, the fewer there are
+    steps = range(1 - cells, cells, 2)
     for a, b in ((a, b) for a in steps for b in steps):
-        if max(abs(a) - 1, 0) ** 2 + max(abs(b) - 1, 0) ** 2 > CELLS**2:
+        if max(abs(a) - 1, 0) ** 2 + max(abs(b) - 1, 0) ** 2 > cells**2:
             continue  # all of it is outside the disk
         middle = (centre[0] + a * size, centre[1] + b * size)
         q, *parts = (recentred(p, middle, size) for p in (law.denominator, *law.numerators))

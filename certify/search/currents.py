@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
@@ -114,9 +114,10 @@ def propose_current(law: CurrentLaw, centre: Pair, radius: Fraction, strongly: b
             denominator = _denominator(law, centre, radius, view, points)
             if denominator is None:
                 return
+    nearby = simple_points(places)
     moduli = [round_to_digits(Fraction(least * share) * view.siemens, 1) for share in SHARES if least > negligible]
     for modulus in chain(moduli if strongly else (), (Fraction(0),)):
-        found = _sum(jacobian_form(law, centre, radius, modulus), 2)
+        found = _sum(jacobian_form(law, centre, radius, modulus), 2, nearby)
         if found is not None:
             data = {**found, **(denominator or {}), **({"modulus": str(modulus)} if modulus else {})}
             yield Proposal("proved", "monotone-disk", data)
@@ -140,7 +141,16 @@ def _denominator(law: CurrentLaw, centre: Pair, radius: Fraction, view: View, po
     return None
 
 
-def _sum(form: Form, components: int) -> dict[str, Any] | None:
+def simple_points(places: Any) -> list[Pair]:
+    """Points of the disk near these places, with small denominators."""
+    result = set()
+    for limit in (10, 100):
+        columns, rows = ({Fraction(float(e)).limit_denominator(limit) for e in part} | {Fraction(0)} for part in places)
+        result |= {(x, y) for x in columns for y in rows if x * x + y * y <= 1}
+    return sorted(result)
+
+
+def _sum(form: Form, components: int, places: Sequence[Pair] = ()) -> dict[str, Any] | None:
     """A sum of squares that the kernel accepts, as data."""
 
     def accept(proof: DiskSum) -> bool:
@@ -152,7 +162,7 @@ def _sum(form: Form, components: int) -> dict[str, Any] | None:
 
     least = (max((i + j for i, j, _, _ in form), default=0) + 1) // 2
     for degree in range(least, min(least + MORE_DEGREES, MAX_SUM_DEGREE) + 1):
-        proof = find_sum(form, components, degree, accept)
+        proof = find_sum(form, components, degree, accept, places)
         if proof is not None:
             return {"degree": str(proof.degree), "gram": to_rows(proof.gram), "disk": to_rows(proof.disk)}
     return None

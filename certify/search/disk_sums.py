@@ -7,13 +7,14 @@ matrices are cut down to the face that these points leave (facial reduction). No
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 from certify.kernel import linalg as la
 from certify.kernel.disks import DiskSum, Form, monomials
 from certify.kernel.linalg import Matrix, Vector
+from certify.kernel.reader import Pair
 from certify.search import exact
 from certify.search.roots import magnitude
 from certify.search.solvers import Block, largest_margin
@@ -30,9 +31,14 @@ POINTS = sorted(
 Basis = list[Vector]  # of the space that the range of a Gram matrix lies in
 
 
-def find_sum(form: Form, components: int, degree: int, accept: Callable[[DiskSum], bool]) -> DiskSum | None:
-    """Gram matrices of that degree which `accept` lets pass, with as few digits as it does, or None."""
-    kernels = [(point, kernel(form, components, point)) for point in POINTS]
+def find_sum(
+    form: Form, components: int, degree: int, accept: Callable[[DiskSum], bool], places: Sequence[Pair] = ()
+) -> DiskSum | None:
+    """Gram matrices of that degree which `accept` lets pass, with as few digits as it does, or None.
+
+    `places`: more points of the disk where zeros of the form are to be looked for.
+    """
+    kernels = [(point, kernel(form, components, point)) for point in sorted({*POINTS, *places})]
     if any(vectors is None for _, vectors in kernels):
         return None  # the form is negative somewhere
     bases = []
@@ -54,7 +60,7 @@ def find_sum(form: Form, components: int, degree: int, accept: Callable[[DiskSum
     return None
 
 
-def kernel(form: Form, components: int, point: tuple[Fraction, Fraction]) -> list[Vector] | None:
+def kernel(form: Form, components: int, point: Pair) -> list[Vector] | None:
     """Vectors w that span the kernel of the form at a point, exactly; None if it is not semidefinite there."""
     value = {(a, b): la.ZERO for a in range(components) for b in range(a, components)}
     for (i, j, a, b), x in form.items():
