@@ -107,7 +107,7 @@ def propose_current(law: CurrentLaw, centre: Pair, radius: Fraction, strongly: b
             if pair is not None:
                 yield Proposal("refuted", "current-pair", {"U": to_text(pair[0]), "V": to_text(pair[1])})
                 return
-        if pole or least < -negligible:
+        if pole or not -negligible <= least < numpy.inf:
             return
         denominator = None
         if total_degree(law.denominator) > 0:
@@ -133,7 +133,7 @@ def _denominator(law: CurrentLaw, centre: Pair, radius: Fraction, view: View, po
 
     least = float(size(descend(size, points)).min())
     scale = max(abs(c) for _, c in recentred(law.denominator, centre, radius))
-    for share in SHARES if least > 0 else ():
+    for share in SHARES if 0 < least < numpy.inf else ():
         margin = round_to_digits(Fraction(least * share) * scale, 1)
         found = _sum(denominator_form(law, centre, radius, margin), 1)
         if found is not None:
