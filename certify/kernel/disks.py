@@ -26,7 +26,7 @@ from certify.kernel.reader import Pair
 from certify.kernel.rules import require
 
 MAX_SUM_DEGREE = 6  # of the monomials in a sum of squares
-MAX_GRAM_WORK = 1 << 15  # size of a Gram matrix times bits of its common denominator
+MAX_GRAM_WORK = 1 << 14  # size of a Gram matrix times bits of its common denominator
 
 
 @dataclass(frozen=True)
