@@ -33,6 +33,8 @@ MONOTONE, NOT_MONOTONE, BOUNDARY = "monotone", "not monotone", "boundary"
 DIGITS, MANY_DIGITS = 60, 240
 ZERO = mpf(0)
 NEAR = mpf("1e-40")  # what counts as zero
+HALF = 0.5
+CLEAR = -1e-3  # so negative that nothing more is asked
 SMALL = 1e-6  # below it, floats are not trusted
 Law = tuple[ZipLoad | ExpLoad, ...]
 Band = tuple[Fraction, Fraction]
@@ -43,7 +45,8 @@ Powers = dict[tuple[Fraction, Fraction], Fraction]  # (exponent, base) to coeffi
 class Truth:
     """`least` is the smaller of the two least values of (a), `pair` that of (b); `agree`: (a) and (b) say the same.
 
-    `strict`: the product vanishes for U = V only. It is None only if the verdict is "boundary" and not clear on this.
+    `strict`: the product vanishes for U = V only. On the boundary that is so unless N = 0 all over or P = 0 somewhere:
+    the bound of the lemma is strict if D vanishes at single voltages only, and N is analytic.
     """
 
     verdict: str
@@ -178,7 +181,7 @@ def float_grid(length: float) -> np.ndarray[Any, Any]:
     """Even in ln v, even in v, and crowded at both ends."""
     even = np.linspace(0, length, 500)
     in_volts = np.log1p(np.linspace(0, 1, 300) * np.expm1(min(length, 600)))
-    crowd = length * 0.5 ** np.arange(1, 50)
+    crowd = length * 0.5 ** np.arange(1, 20)
     grid = np.concatenate([even, in_volts, crowd, length - crowd])
     return np.unique(np.clip(grid, 0, length))
 
@@ -215,22 +218,30 @@ Jet = Callable[[mpf], tuple[mpf, mpf, mpf]]
 
 
 def refine(jet: Jet, low: mpf, start: mpf, high: mpf) -> tuple[mpf, mpf]:
-    """The least value met on the way to a stationary point in [low, high], and where; Newton, or else bisection."""
-    x, best = start, (mpf("inf"), start)
-    tiny = mpf(10) ** (-mp.dps + 8)
+    """The least value met on the way to a stationary point in [low, high], and where; Newton, or else bisection.
+
+    Stops where the value leaves no doubt, and after a step so short that the error of the next value is its square.
+    """
+    ends = [(jet(x), x) for x in (low, high)]
+    best = min((value, x) for (value, _, _), x in ends)
+    if ends[0][0][1] >= 0 or ends[1][0][1] <= 0:
+        return min(best, (jet(start)[0], start))  # floats saw a valley that is none
+    x, short = start, mpf(10) ** (-mp.dps * 2 // 5)
+    last = False
     for _ in range(120):
         value, slope, curvature = jet(x)
         best = min(best, (value, x))
-        if not slope:
+        if last or not slope or value < CLEAR:
             break
         if slope > 0:
             high = x
         else:
             low = x
-        step = -slope / curvature if curvature > 0 else ZERO
-        following = x + step if step and low < x + step < high else (low + high) / 2
-        if abs(following - x) <= tiny or high - low <= tiny:
-            break
+        following = x - slope / curvature if curvature > 0 else (low + high) / 2
+        last = abs(following - x) <= short and curvature > 0
+        if not low <= following <= high:
+            following = (low + high) / 2
+            last = high - low <= short**2
         x = following
     return best
 
@@ -249,7 +260,7 @@ def least_one_voltage(law: Law, band: Band) -> tuple[mpf, mpf, mpf, bool]:
         grid = float_grid(float(curves.length))
         points: list[mpf] = [mpf(float(x)) for x in grid]
         points[-1] = curves.length
-        sampled: list[Sequence[Any]] = list(float_samples(curves, grid))
+        sampled: list[Sequence[Any]] = [list(values) for values in float_samples(curves, grid)]
         flat = False
         if min(map(min, sampled)) > -SMALL and any(min(values) < SMALL for values in sampled):
             exact = list(curves.on_grid(257, ZERO))
@@ -260,8 +271,13 @@ def least_one_voltage(law: Law, band: Band) -> tuple[mpf, mpf, mpf, bool]:
             flat = all(abs(x) < NEAR for x in sampled[1])
         found = []
         for values, jet in zip(sampled, (of_power, of_determinant), strict=True):
-            best = min((jet(x)[0], x) for x in (ZERO, curves.length))
+            ends = {0: jet(ZERO), len(points) - 1: jet(curves.length)}
+            best = min((value, points[k]) for k, (value, _, _) in ends.items())
             for k in valleys(values):
+                if k in ends and (ends[k][1] >= 0 if k == 0 else ends[k][1] <= 0):
+                    continue  # the least value is at the end itself
+                if values[k] > HALF:
+                    continue  # hardly anything cancels there, nor between it and its neighbours
                 low, high = points[max(0, k - 1)], points[min(len(points) - 1, k + 1)]
                 best = min(best, refine(jet, low, points[k], high))
             found.append(best)
@@ -376,7 +392,7 @@ def refine_pairs(jet: Jet, low: mpf, start: mpf, high: mpf, gap: mpf) -> mpf:
         following = x - slope / curvature if curvature > 0 else (low + high) / 2
         if not low < following < high:
             following = (low + high) / 2
-        if abs(following - x) <= gap or high - low <= gap:
+        if abs(following - x) <= gap or high - low <= gap or value < CLEAR:
             break
         x = following
     return best
