@@ -286,29 +286,30 @@ def least_one_voltage(law: Law, band: Band) -> tuple[mpf, mpf, mpf, bool]:
 
 # --- (b) two voltages -----------------------------------------------------------------------------------------
 
-Values = tuple[mpf, mpf, mpf, mpf, mpf, mpf]  # s = (v / v1)^2, P, P/s, Q/s, the size of P, the unit of E
+Values = tuple[mpf, mpf, mpf, mpf, mpf, mpf, mpf]  # s = (v / v1)^2, P, P/s, Q/s, sizes of P and Q/s, the unit of E
 
 
 def values_at(curves: Curves, P: list[mpf], Q: list[mpf], s: mpf) -> Values:
     """From the values of the terms at one modulus."""
     p, p_size = sum(P, ZERO), sum(map(abs, P), ZERO)
+    b, b_size = sum(Q, ZERO) / s, sum(map(abs, Q), ZERO) / s
     radial = sum((abs(t * less) for t, less in zip(P, curves.less_one, strict=True)), ZERO)
     cross = sum((abs(t * less) for t, less in zip(Q, curves.half_less_one, strict=True)), ZERO)
-    return s, p, p / s, sum(Q, ZERO) / s, p_size, (p_size * radial + cross**2) / s**2
+    return s, p, p / s, b, p_size, b_size, (p_size * radial + cross**2) / s**2
 
 
 def pair_value(one: Values, two: Values) -> mpf:
-    """The smaller of P_a + P_b and E, in units that make them comparable with (a)."""
-    (s, p, g, b, p_size, unit), (s_, p_, g_, b_, p_size_, unit_) = one, two
+    """The smaller of P_a + P_b and E, in units that make them comparable with (a); zero if rounding hides E."""
+    (s, p, g, b, p_size, b_size, unit), (s_, p_, g_, b_, p_size_, b_size_, unit_) = one, two
     both, sizes = p + p_, p_size + p_size_
     least = both / sizes if sizes else ZERO
     if abs(s - s_) <= s * mpf(10) ** (-mp.dps * 9 // 20):  # one modulus, up to rounding
         return least
-    product_sum = both**2 - s * s_ * ((g + g_) ** 2 + (b_ - b) ** 2)
-    if unit + unit_:
-        return min(least, 2 * product_sum / ((s - s_) ** 2 * (unit + unit_)))
-    # Nothing but constant currents and reactances: zero, up to rounding.
-    return min(least, product_sum / sizes**2) if sizes else min(least, product_sum)
+    numerator = both**2 - s * s_ * ((g + g_) ** 2 + (b_ - b) ** 2)
+    noise = sizes**2 + s * s_ * ((p_size / s + p_size_ / s_) ** 2 + (b_size + b_size_) ** 2)
+    if abs(numerator) <= noise * mpf(10) ** (5 - mp.dps):
+        return min(least, ZERO)
+    return min(least, 2 * numerator / ((s - s_) ** 2 * (unit + unit_)))
 
 
 def least_two_voltages(law: Law, band: Band) -> mpf:
@@ -338,7 +339,7 @@ def search_pairs(curves: Curves, close: mpf, halvings: int) -> mpf:
     def of_close(x: mpf) -> mpf:
         return of_pair(x, x + gap)
 
-    count = 113 if halvings else 57
+    count = 85 if halvings else 57
     grid = list(curves.values_on_grid(count, ZERO))
     coarse = grid[::7]
     pairs = [(pair_value(v, w), x, y) for k, (x, v) in enumerate(coarse) for y, w in coarse[k:]]
