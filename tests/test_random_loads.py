@@ -74,6 +74,20 @@ def test_known_loads(name: str) -> None:
     assert exact_verdict(law, B(ends)) == exactly
 
 
+# P = v^2 + 1 + 2 v^1.5 and R = v^2 - 1 + v^1.5. With Q = 4 v, N = P R - 4 v^2 is 0 at v = 1 and rises by 11 per ln v.
+# With Q = 9.5 v - 2.75, N = P R - (4.75 v - 2.75)^2 and its derivative are 0 there, and the second one is 4.375.
+@pytest.mark.parametrize("error", ["0", "1e-3", "1e-12", "1e-30"])
+@pytest.mark.parametrize(("Q", "ends"), [("4 0", "1 1.1"), ("9.5 -2.75", "0.99 1.01")], ids=["end", "inside"])
+def test_whole_and_fractional_powers_on_the_edge(Q: str, ends: str, error: str) -> None:
+    """An error in the impedance is added to P and to R; exactly on the edge the oracle says so."""
+    current, power = Q.split()
+    for sign in (1, -1) if Fraction(error) else (0,):
+        law = (Z(f"{1 + sign * Fraction(error)} 0", f"0 {current}", f"1 {power}"), X("2 3/2 0 0 1"))
+        truth = judge(law, B(ends))
+        assert truth.verdict == {0: BOUNDARY, 1: MONOTONE, -1: NOT_MONOTONE}[sign]
+        assert truth.agree
+
+
 def test_strict_or_not() -> None:
     """N = 0 at one voltage leaves the load strictly monotone; N = 0 at all, or P = 0 at one, does not."""
     strict = {name: judge(law, B(ends)).strict for name, (law, ends, _, _) in KNOWN.items()}
