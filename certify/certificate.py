@@ -7,10 +7,12 @@ import json
 import os
 import platform
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from certify import __version__
 from certify.inputs import decode_all
@@ -70,10 +72,17 @@ def to_canonical_json(document: dict[str, Any]) -> bytes:
 
 def write_atomically(path: Path, data: bytes) -> None:
     """Write beside the target, then rename: a reader never sees half a file. Raises: OSError."""
+    with open_atomically(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def open_atomically(path: Path) -> Iterator[IO[bytes]]:
+    """A file beside the target, renamed to it at the end, removed if anything goes wrong. Raises: OSError."""
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(data)
+            yield file
         mask = os.umask(0)
         os.umask(mask)
         os.chmod(name, 0o666 & ~mask)

@@ -136,6 +136,28 @@ def build_parser() -> argparse.ArgumentParser:
         help="which parts may be off, all at once and each on its own: some of filter,line,load (default: all); "
         "parts with a tolerance of their own keep it",
     )
+    loads = command(
+        "loads",
+        run_loads,
+        "decide every load of a table (CSV or JSON), or of a spec",
+        "certify loads loads.csv --band 0.9pu 1.1pu -o results.csv --cert loads.cert.jsonl",
+    )
+    loads.add_argument("table", metavar="TABLE", help="loads, one in each row; `certify explain loads` has the columns")
+    loads.add_argument(
+        "--band",
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        default=("0.9 pu", "1.1 pu"),
+        help="where loads must be monotone; V0 of a row is 1 pu (default: 0.9 pu to 1.1 pu)",
+    )
+    loads.add_argument("-o", "--output", metavar="FILE", help="where to write the results, .csv or .json")
+    loads.add_argument("--cert", metavar="CERT", help="where to write the certificate, one line for each row")
+    loads.add_argument("--keep-going", action="store_true", help="decide the other rows if some cannot be read")
+    loads.add_argument("--plot", metavar="FOLDER", help="draw margins over voltage and maps of pass and fail there")
+    loads.add_argument("--power-factor", metavar="PF", action="append", help="of a map; may be given again")
+    loads.add_argument("--cells", metavar="N", type=int, default=61, help="of a map, in each direction (default: 61)")
+    loads.add_argument("--jobs", metavar="N", type=int, help="processes (default: all cores for large tables)")
+    add_method(loads)
     for sub in (synth, tolerance):
         sub.add_argument("-o", "--output", metavar="OUT_SPEC", help="where to write the new spec, if it is certified")
         sub.add_argument("--cert", metavar="CERT", help="where to write the certificate of the new spec; needs -o")
@@ -217,7 +239,48 @@ def run_prove(options: argparse.Namespace) -> int:
 
 
 def run_check(options: argparse.Namespace) -> int:
+    if _is_about_loads(options.certificate):
+        return _check_table(options)
     return _checked(options, options.certificate, lambda verdict, notes: _report(options, verdict, notes, {}))
+
+
+def _is_about_loads(certificate: str) -> bool:
+    """Whether a certificate is one about a table of loads, by its first line."""
+    try:
+        with Path(certificate).open("rb") as file:
+            return b'"format":"certify/loads@' in file.readline(2000)
+    except OSError:
+        return False
+
+
+def _check_table(options: argparse.Namespace) -> int:
+    from collections import Counter
+
+    from certify.inputs import read
+    from certify.kernel.check_loads import check_table
+    from certify.kernel.table import MAX_TABLE_BYTES
+
+    counts: Counter[str] = Counter()
+    try:
+        table = read(options.spec, MAX_TABLE_BYTES)
+        with _progress(f"checking {options.certificate}") as progress:
+            total = max(table.count(b"\n"), 1)
+            for row in check_table(table, read(options.certificate, 4 * MAX_TABLE_BYTES)):
+                counts[row.verdict.status if row.verdict else "bad input"] += 1
+                if progress:
+                    progress(min(sum(counts.values()), total), total)
+    except SpecError as error:
+        return _bad_input(options, error.faults)
+    except Rejected as rejection:
+        return _rejected(options, rejection)
+    found = {EXIT_CODES["certified" if verdict == "proved" else verdict] for verdict in counts} or {0}
+    code = next(c for c in WORST_FIRST if c in found)
+    if options.json:
+        print(json.dumps({"table": options.spec, "counts": counts, "exit_code": code}, indent=1))
+    else:
+        told = ", ".join(f"{count:,} {verdict}" for verdict, count in counts.items())
+        print(f"accepted: {options.certificate} about {options.spec}: {told}")
+    return code
 
 
 def _checked(options: argparse.Namespace, certificate: str, then: Callable[[Any, dict[str, str]], int]) -> int:
@@ -321,6 +384,21 @@ def run_tolerance(options: argparse.Namespace) -> int:
     from certify.report.tolerance import run
 
     return _designed(options, run)
+
+
+def run_loads(options: argparse.Namespace) -> int:
+    from certify.report.loads import run
+
+    options.band = tuple(options.band)
+    try:
+        with _progress(f"deciding {options.table}") as progress:
+            return run(options, progress, EXIT_CODES, WORST_FIRST)
+    except SpecError as error:
+        return _bad_input(options, error.faults, options.table)
+    except Rejected as rejection:
+        return _rejected(options, rejection)
+    except OSError as error:
+        return _bad_input(options, (Fault("U001", "-o", f"cannot write: {error.strerror}"),), options.table)
 
 
 def _designed(options: argparse.Namespace, run: Callable[[argparse.Namespace, Any, dict[str, int]], int]) -> int:

@@ -230,6 +230,48 @@ _ALL = (
         "do not use this certificate; write it again with `certify prove`",
     ),
     Diagnostic(
+        "T001",
+        "not a table of loads",
+        "A table is CSV with one header line, or a JSON list of rows.",
+        "`certify explain loads` shows the columns",
+    ),
+    Diagnostic(
+        "T002",
+        "a row that cannot be read",
+        "It has another number of cells than the header, is not UTF-8 CSV, or is absurdly long.",
+        "mend the row, or leave it out with --keep-going",
+    ),
+    Diagnostic(
+        "T101",
+        "unknown column",
+        "A column that is not understood may change what a row means, so none is ignored.",
+        "rename or remove it; `certify explain loads` shows the columns",
+    ),
+    Diagnostic(
+        "T102",
+        "a row without the columns of one kind of load",
+        "Fractions (Zp ..), absolute coefficients (Yp ..) and exponents (np, nq) are different laws; a row states one "
+        "of them wholly.",
+        "fill the cell, or use --keep-going to decide the other rows",
+    ),
+    Diagnostic(
+        "T103",
+        "fractions that do not add up",
+        "Z + I + P is 1 up to rounding (0.05), or P0 is not the power at V0; other sums are mostly percentages.",
+        'write "50 %", or use absolute coefficients Yp, Ip, Pp, Yq, Iq, Pq',
+    ),
+    Diagnostic(
+        "loads",
+        "the columns of a table of loads",
+        "name (optional); V0; and one of: P0, Q0 or pf, Zp, Ip, Pp, Zq, Iq, Pq (fractions of P0 and Q0 at V0); Yp, Ip, "
+        "Pp, Yq, Iq, Pq (absolute, in S, A, W and S, A, var); P0, np, Q0 or pf, nq (exponents). v_min and v_max "
+        "(optional) are the row's own band. Bare numbers are SI; a unit may stand in the cell or in the header, as in "
+        "P0 [kW]. With a power factor Q0 = P0 tan(acos pf), to 40 digits; a negative one leads.",
+        "a CSV with one header line, or a JSON list of tables with these keys",
+        """name,P0 [kW],pf,V0,Zp,Ip,Pp,Zq,Iq,Pq
+kettle,2,1,230,0.96,0.05,-0.01,0,0,1""",
+    ),
+    Diagnostic(
         "P201",
         "passivity of a DGU undecided",
         "Neither a storage function nor a witness against all of them was found. Usual reasons: an integrator that "

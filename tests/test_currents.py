@@ -24,10 +24,10 @@ from certify.kernel.disks import (
 )
 from certify.kernel.errors import RuleFailure
 from certify.kernel.linalg import ldl_pivots, to_matrix
+from certify.kernel.loads import monotone_sturm
 from certify.kernel.model import LoadLaw, PowerTerm
 from certify.kernel.proofs import Data
 from certify.kernel.quantity import QuantityError, parse_formula
-from certify.kernel.rules import monotone_polynomial
 from certify.search.currents import propose_current
 from certify.search.proposal import Proposal
 
@@ -505,7 +505,7 @@ def test_agrees_with_the_rule_of_isotropic_loads(Y: Pair, P: Pair, radius: Fract
     """The disk around 1 V touches both ends of the annulus, and the law does not depend on the angle."""
     active, reactive = ((PowerTerm(y, F_(1), F_(2)), PowerTerm(p, F_(1), F_(0))) for y, p in zip(Y, P, strict=True))
     try:
-        strict: bool | None = monotone_polynomial(LoadLaw(active, reactive), (1 - radius, 1 + radius))
+        strict: bool | None = monotone_sturm(LoadLaw(active, reactive), (1 - radius, 1 + radius))
     except RuleFailure:
         strict = None
     load = plus_isotropic(law("0", "0"), Y, P)

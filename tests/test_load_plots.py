@@ -20,14 +20,15 @@ from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
 from certify.kernel.errors import RuleFailure
+from certify.kernel.loads import monotone_ends, monotone_sturm
 from certify.kernel.model import LoadLaw, PowerTerm, load_law
-from certify.kernel.rules import monotone_exponential, monotone_polynomial
-from certify.kernel.spec import ExpLoad, Node, ZipLoad
+from certify.kernel.spec import ExpLoad, ZipLoad
 from certify.report.figures import COLOURS, WORDS
 from certify.report.load_maps import exponent_border
 from certify.report.load_margins import load_margins
 from certify.report.load_plots import exponent_map, fraction_map, margin_figure, save
-from certify.search.loads import propose_load, smallest_eigenvalue
+from certify.search.loads import propose_load
+from certify.search.voltages import float_law, smallest_eigenvalue
 from tests.accept import accepts
 from tests.conftest import ROOT
 
@@ -37,7 +38,7 @@ Named = tuple[str, LoadLaw, Fraction]
 
 
 def law_of(*loads: ZipLoad | ExpLoad) -> LoadLaw:
-    return load_law(Node("x", None, loads, (), (F(1), F(2)), F(1)))
+    return load_law(loads)
 
 
 def zip_law(P0: Fraction, Q0: Fraction, V0: Fraction, shares: list[Fraction]) -> LoadLaw:
@@ -53,7 +54,7 @@ def measured() -> list[Named]:
 
 def verdict(law: LoadLaw, band: tuple[Fraction, Fraction] = BAND) -> str:
     """What the tool decides, exactly."""
-    for proposal in propose_load(law, band):
+    for proposal in propose_load(((band, law),)):
         if accepts((law, band), proposal):
             return proposal.status
     return "unknown"
@@ -69,11 +70,11 @@ def accepted(rule: Callable[[LoadLaw, tuple[Fraction, Fraction]], bool], law: Lo
 
 
 def tool_on_exponents(np: Fraction, nq: Fraction, square: Fraction) -> str:
-    return accepted(monotone_exponential, law_of(ExpLoad(F(1), np, root(square), nq, F(1))))
+    return accepted(monotone_ends, law_of(ExpLoad(F(1), np, root(square), nq, F(1))))
 
 
 def tool_on_fractions(Zp: Fraction, Pp: Fraction, square: Fraction) -> str:
-    return accepted(monotone_polynomial, zip_law(F(1), root(square), F(1), [Zp, 1 - Zp - Pp, Pp] * 2))
+    return accepted(monotone_sturm, zip_law(F(1), root(square), F(1), [Zp, 1 - Zp - Pp, Pp] * 2))
 
 
 def root(square: Fraction) -> Fraction:
@@ -106,7 +107,7 @@ def test_margins_are_those_of_the_search() -> None:
             for part in (law.active, law.reactive)
         )
         unit = math.hypot(P, Q) / float(V0) ** 2
-        wanted = [smallest_eigenvalue(law, F(x) * V0) / unit for x in v]
+        wanted = [smallest_eigenvalue(*float_law(law)(float(x) * float(V0))) / unit for x in v]
         assert row == pytest.approx(wanted, rel=1e-7, abs=1e-9 * max(map(abs, wanted)))
 
 

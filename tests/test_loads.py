@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from certify.kernel.claims import Context
 from certify.kernel.model import LoadLaw, PowerTerm, load_law
-from certify.kernel.spec import ExpLoad, Node, ZipLoad, decode
+from certify.kernel.spec import ExpLoad, ZipLoad, decode
 from certify.search.loads import propose_load
 from certify.search.proposal import Proposal
 from certify.search.roots import square_root
@@ -38,7 +38,7 @@ def law_and_band(grid: Any, name: str) -> tuple[LoadLaw, Pair]:
 
 
 def node(*loads: ZipLoad | ExpLoad) -> LoadLaw:
-    return load_law(Node("x", None, loads, (), (Fraction(1), Fraction(2)), Fraction(1)))
+    return load_law(loads)
 
 
 def current(law: LoadLaw, V: complex) -> complex:

@@ -161,7 +161,7 @@ def test_loads_against_the_printed_currents() -> None:
     q = (11 * V.imag - 13 * V.real) / v**2 + (5 * V.imag - 7 * V.real) / v + 2 * V.imag - 3 * V.real
     a, b = 17 * v**-0.5 / 2**1.5, 19 * v**0.5 / 2**2.5
     expected = complex(d + a * V.real + b * V.imag, q + a * V.imag - b * V.real)
-    assert current(load_law(node), V) == pytest.approx(expected)
+    assert current(load_law(node.loads), V) == pytest.approx(expected)
 
 
 @given(st.fractions(Fraction(1, 100), Fraction(100)))

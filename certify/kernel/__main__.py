@@ -1,10 +1,14 @@
-"""`python -m certify.kernel SPEC CERT`: check a certificate with nothing but the Python standard library."""
+"""`python -m certify.kernel SPEC CERT`: check a certificate with nothing but the Python standard library.
+
+SPEC may be a table of loads, if CERT is about one.
+"""
 
 import contextlib
 import io
 import sys
 from pathlib import Path
 
+from certify.kernel import check_loads
 from certify.kernel.check import check
 from certify.kernel.errors import Rejected, SpecError
 
@@ -18,6 +22,8 @@ def main(arguments: list[str]) -> int:
         return 2
     try:
         spec, certificate = (Path(name).read_bytes() for name in arguments)
+        if certificate.startswith(b"{") and check_loads.FORMAT.encode() in certificate.split(b"\n", 1)[0]:
+            return _check_table(spec, certificate)
         verdict = check(spec, certificate)
     except OSError as error:
         print(f"cannot read {error.filename}: {error.strerror}", file=sys.stderr)
@@ -33,6 +39,17 @@ def main(arguments: list[str]) -> int:
         print(f"{claim.status:8} {claim.id}: {claim.statement}" + (f" [{claim.rule}]" if claim.rule else ""))
     print(verdict.outcome)
     return EXIT_CODES[verdict.outcome]
+
+
+def _check_table(table: bytes, certificate: bytes) -> int:
+    """All rows, the worst of which makes the exit code."""
+    codes = {"proved": 0, "refuted": 1, "unknown": 3, "conditional": 3}
+    found = {0}
+    for result in check_loads.check_table(table, certificate):
+        status = result.verdict.status if result.verdict else "bad input"
+        found.add(codes.get(status, 2))
+        print(f"{status:8} row {result.number}" + (f" ({result.row.name})" if result.row and result.row.name else ""))
+    return next(code for code in (2, 1, 3, 0) if code in found)
 
 
 if __name__ == "__main__":

@@ -21,9 +21,9 @@ from certify.kernel.currents import (
     recentred,
     total_degree,
 )
+from certify.kernel.errors import require
 from certify.kernel.linalg import Matrix
 from certify.kernel.reader import Pair
-from certify.kernel.rules import require
 
 MAX_SUM_DEGREE = 6  # of the monomials in a sum of squares
 MAX_GRAM_WORK = 1 << 14  # size of a Gram matrix times bits of its common denominator

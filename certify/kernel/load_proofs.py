@@ -143,14 +143,19 @@ def sampled(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
 
 
 def pair(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
-    """The handler of `voltage-pair`: at one corner of the tolerances, on one piece of the band."""
+    """The handler of `voltage-pair`."""
+    return check_pair(context.pieces(name), data)
+
+
+def check_pair(pieces: Pieces, data: Data) -> tuple[Fact, ...]:
+    """Fails unless two voltages refute the claim: at one corner of the tolerances, on one piece of the band."""
     signs, rest = data.corner()
     v, ends, t = rest.fields("v", "pair", "t")
     volts = (v.scalar(), *ends.vector())
     require(len(volts) == 3, "a pair has two voltages")
-    pieces = [(band, law) for band, law in context.pieces(name) if all(band[0] <= x <= band[1] for x in volts)]
-    require(bool(pieces), "the voltages are not within one piece of the band")
-    band, law = pieces[0]
+    around = [(band, law) for band, law in pieces if all(band[0] <= x <= band[1] for x in volts)]
+    require(bool(around), "the voltages are not within one piece of the band")
+    band, law = around[0]
     terms = (*law.active, *law.reactive)
     signs = signs or "0" * len(terms)
     require(len(signs) == len(terms), "a corner has one sign for each term")

@@ -19,9 +19,9 @@ from certify.kernel.poly import (
     Polynomial,
     Whole,
     bernstein_signs,
-    evaluate,
     is_nonnegative_on,
     is_positive_on,
+    sign_at,
     substitute,
     to_polynomial,
 )
@@ -35,14 +35,19 @@ NEGATIVE_D = "D = G (G + v G') - (v B')^2 / 4 is negative somewhere on the band"
 
 def is_polynomial(law: LoadLaw) -> bool:
     """Whether P and Q are polynomials in v of a degree that the exact rules take."""
-    return all(t.exponent.denominator == 1 and 0 <= t.exponent <= MAX_DEGREE for t in (*law.active, *law.reactive))
+    exponents = [t.exponent for t in (*law.active, *law.reactive)]
+    return all(e.denominator == 1 and 0 <= e.numerator <= MAX_DEGREE for e in exponents)
 
 
 def jacobian_polynomials(law: LoadLaw) -> tuple[Whole, Whole]:
     """Positive multiples of P = G v^2 and of D v^4 = P (v P' - P) - (v Q' - 2 Q)^2 / 4, as polynomials in v."""
     require(is_polynomial(law), f"an exponent is not a whole number from 0 to {MAX_DEGREE}")
     powers = [
-        [(t.exponent.numerator, t.coefficient / t.base_volt**t.exponent.numerator) for t in part]
+        [
+            (e, t.coefficient if t.base_volt == 1 else t.coefficient / t.base_volt**e)
+            for t in part
+            for e in (t.exponent.numerator,)
+        ]
         for part in (law.active, law.reactive)
     ]
     common = lcm(*(c.denominator for part in powers for _, c in part))
@@ -87,9 +92,9 @@ def monotone_ends(law: LoadLaw, band: Pair) -> bool:
     require(all(t.exponent in (0, 1, 2) for t in terms), "neither a single exponential law nor a ZIP load")
     worst = (*law.active, *(t for t in law.reactive if t.exponent != 2))  # a constant susceptance does not enter D
     require(all(t.coefficient >= 0 for t in worst), "a parameter of the ZIP load is negative")
-    value = evaluate(to_polynomial(jacobian_polynomials(law)[1]), band[0])
-    require(value >= 0, "D v^2, which increases, is negative at the lower end of the band")
-    return value > 0
+    sign = sign_at(jacobian_polynomials(law)[1], band[0])
+    require(sign >= 0, "D v^2, which increases, is negative at the lower end of the band")
+    return sign > 0
 
 
 def _exponential_ends(law: LoadLaw, band: Pair) -> bool:
@@ -173,27 +178,26 @@ def _sum_of_squares(p: Polynomial, first: Matrix, second: Matrix) -> bool:
 
 # --- enclosures ---------------------------------------------------------------------------------------------
 
-Jet = tuple[Interval, Interval, Interval]  # a value and its first two derivatives with respect to ln v
-
-
-def _square(x: Interval) -> Interval:
-    low, high = interval_product(x, x)
-    return (Fraction(0) if x[0] <= 0 <= x[1] else max(low, Fraction(0))), high
-
-
-def admittances(terms: Iterable[PowerTerm], v: Fraction, bits: int) -> list[tuple[Fraction, Interval]]:
-    """For each term, its exponent and an enclosure of its power over v^2, in siemens."""
-    result = []
-    for t in terms:
-        factor = ((t.coefficient - t.blur) / t.base_volt**2, (t.coefficient + t.blur) / t.base_volt**2)
-        result.append((t.exponent, interval_product(factor, power_enclosure(v / t.base_volt, t.exponent - 2, bits))))
-    return result
-
-
+Jet = Sequence[Interval]  # a value and its first derivatives with respect to ln v
 Parts = list[tuple[Fraction, Interval]]
 
 
-def total(parts: Parts, factors: Iterable[Fraction | int] = ()) -> Interval:
+def admittances(terms: Iterable[PowerTerm], v: Fraction, bits: int) -> Parts:
+    """For each term, its exponent and an enclosure of its power over v^2, in siemens."""
+    result = []
+    for t in terms:
+        low, high = power_enclosure(v / t.base_volt, t.exponent - 2, bits)
+        unit = t.base_volt**2
+        if t.blur:
+            ends = interval_product(((t.coefficient - t.blur) / unit, (t.coefficient + t.blur) / unit), (low, high))
+        else:
+            c = t.coefficient / unit
+            ends = (c * low, c * high) if c >= 0 else (c * high, c * low)
+        result.append((t.exponent, ends))
+    return result
+
+
+def total(parts: Parts, factors: Sequence[Fraction | int] = ()) -> Interval:
     """The sum of the parts, each times its factor."""
     low = high = Fraction(0)
     for (_, (a, b)), f in zip(parts, factors or [1] * len(parts), strict=True):
@@ -201,34 +205,41 @@ def total(parts: Parts, factors: Iterable[Fraction | int] = ()) -> Interval:
     return low, high
 
 
-def jets(active: Parts, reactive: Parts) -> tuple[Jet, Jet]:
-    """Enclosures of G and D with two derivatives, from those of the terms; d/d ln v of v^(e-2) is (e-2) v^(e-2)."""
-    G = [total(active, [(e - 2) ** k for e, _ in active]) for k in range(3)]
-    R = [total(active, [(e - 1) * (e - 2) ** k for e, _ in active]) for k in range(3)]  # G + v G'
-    X = [total(reactive, [(e - 2) ** (k + 1) for e, _ in reactive]) for k in range(3)]  # -v B'
-
-    def combined(*summands: tuple[Fraction | int, Interval]) -> Interval:
-        return total([(Fraction(0), x) for _, x in summands], [f for f, _ in summands])
-
-    times, quarter, half = interval_product, Fraction(-1, 4), Fraction(-1, 2)
-    D = (
-        combined((1, times(G[0], R[0])), (quarter, _square(X[0]))),
-        combined((1, times(G[1], R[0])), (1, times(G[0], R[1])), (half, times(X[0], X[1]))),
-        combined(
-            (1, times(G[2], R[0])),
-            (2, times(G[1], R[1])),
-            (1, times(G[0], R[2])),
-            (half, _square(X[1])),
-            (half, times(X[0], X[2])),
-        ),
-    )
-    return (G[0], G[1], G[2]), D
+def jets(active: Parts, reactive: Parts, orders: int = 3) -> tuple[Jet, Jet]:
+    """Enclosures of G and D with their derivatives, from those of the terms; d/d ln v of v^(e-2) is (e-2) v^(e-2)."""
+    G = [total(active, [(e - 2) ** k for e, _ in active]) for k in range(orders)]
+    R = [total(active, [(e - 1) * (e - 2) ** k for e, _ in active]) for k in range(orders)]  # G + v G'
+    X = [total(reactive, [(e - 2) ** (k + 1) for e, _ in reactive]) for k in range(orders)]  # -v B'
+    D = []
+    for k in range(orders):  # D = G R - X^2 / 4, by the product rule
+        low = high = Fraction(0)
+        for j, ways in enumerate(((1,), (1, 1), (1, 2, 1))[k]):  # binomial coefficients
+            gain = interval_product(G[j], R[k - j])
+            loss = interval_product(X[j], X[k - j])
+            if 2 * j == k and loss[0] < 0:  # a square
+                loss = (Fraction(0), loss[1])
+            low, high = low + ways * (gain[0] - loss[1] / 4), high + ways * (gain[1] - loss[0] / 4)
+        D.append((low, high))
+    return G, D
 
 
 def jacobian_enclosure(law: LoadLaw, v: Fraction, bits: int) -> tuple[Interval, Interval]:
     """Enclosures of G and D at one voltage."""
-    G, D = jets(admittances(law.active, v, bits), admittances(law.reactive, v, bits))
+    G, D = jets(admittances(law.active, v, bits), admittances(law.reactive, v, bits), 1)
     return G[0], D[0]
+
+
+def is_violated_at(law: LoadLaw, v: Fraction) -> bool:
+    """Whether G(v) < 0 or D(v) < 0, v > 0: then the load is not monotone around v. False also if it cannot be told."""
+    if is_polynomial(law) and not any(t.blur for t in (*law.active, *law.reactive)):
+        return any(sign_at(p, v) < 0 for p in jacobian_polynomials(law))
+    for bits in PRECISIONS:
+        values = jacobian_enclosure(law, v, bits)
+        if min(x[1] for x in values) < 0:
+            return True
+        if min(x[0] for x in values) >= 0:
+            return False
+    return False
 
 
 def _sign_on_cell(cell: Jet, low: Jet, high: Jet) -> bool | None:
@@ -294,16 +305,13 @@ def voltage_pair(law: LoadLaw, band: Pair, v: Fraction, pair: Pair, t: Fraction)
     (a, b), cosine, sine = pair, (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
     # the product, as a sum of G_a, G_b, -B_a, -B_b times these
     factors = ((a - b * cosine) * a, (b - a * cosine) * b, a * b * sine, -a * b * sine)
-    active = negative = False
+    require(is_violated_at(law, v), "neither G nor D is negative at the voltage named")
     for bits in PRECISIONS:
-        G, D = jacobian_enclosure(law, v, bits)
         values = [total(admittances(terms, x, bits)) for terms in (law.active, law.reactive) for x in pair]
         product = interval_sum(interval_product((f, f), x) for f, x in zip(factors, values, strict=True))
-        active, negative = G[1] < 0 or D[1] < 0, product[1] < 0
-        if active and negative:
-            return product
-    require(active, "neither G nor D is negative at the voltage named")
-    require(negative, "the product of the two voltages is not negative")
+        if product[1] < 0 or product[0] >= 0:
+            break
+    require(product[1] < 0, "the product of the two voltages is not negative")
     return product
 
 

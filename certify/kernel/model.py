@@ -6,7 +6,7 @@ equilibrium. A user's own linear loop keeps its own states. All functions are pu
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise, product
@@ -19,6 +19,7 @@ from certify.kernel.spec import Dgu, ExpLoad, Filter, IdaPbc, LinearLoop, Microg
 
 J = to_matrix([[0, -1], [1, 0]])  # multiplication by j
 I2 = identity(2)
+ZERO, ONE, TWO = map(Fraction, range(3))
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,8 @@ def law_corners(law: LoadLaw) -> tuple[str, ...]:
     One sign for each term, active ones first. An active term with an exponent of 1 or more adds a positive semidefinite
     part to the Jacobian, so its lower end is the worse one; a reactive term of exponent 2 adds nothing symmetric.
     """
+    if not any(t.spread or t.blur for t in (*law.active, *law.reactive)):
+        return ("0" * len((*law.active, *law.reactive)),)
     ends = ["-+" if t.exponent < 1 else "-" for t in law.active] + [
         "0" if t.exponent == 2 else "-+" for t in law.reactive
     ]
@@ -171,24 +174,24 @@ def load_pieces(node: Node) -> Pieces:
         return ()
     low, high = node.band_volt
     cuts = {x.cutoff_volt for x in node.loads if x.cutoff_volt is not None and low < x.cutoff_volt < high}
-    return tuple((band, load_law(node, band[1])) for band in pairwise((low, *sorted(cuts), high)))
+    return tuple((band, load_law(node.loads, band[1])) for band in pairwise((low, *sorted(cuts), high)))
 
 
-def load_law(node: Node, top_volt: Fraction | None = None) -> LoadLaw:
-    """The sum of the static loads at a node (THEORY 1), just below `top_volt` if given; equal powers are added up."""
-    sums: tuple[dict[tuple[Fraction, Fraction], list[Fraction]], ...] = ({}, {})
-    for load in node.loads:
+def load_law(loads: Iterable[ZipLoad | ExpLoad], top_volt: Fraction | None = None) -> LoadLaw:
+    """The sum of some static loads (THEORY 1), just below `top_volt` if given; equal powers are added up."""
+    sums: tuple[dict[Pair, tuple[Fraction, Fraction, Fraction]], ...] = ({}, {})
+    for load in loads:
         cutoff = load.cutoff_volt
         frozen = cutoff if cutoff is not None and top_volt is not None and top_volt <= cutoff else None
         for part, term in _terms(load):
             if frozen is not None:
                 term = _as_admittance(term, frozen)
-            elif term.exponent.denominator == 1:  # a whole power needs no base of its own, and joins the others
+            elif term.exponent.denominator == 1 and term.base_volt != 1:  # a whole power joins the others
                 factor = 1 / term.base_volt**term.exponent.numerator
                 term = PowerTerm(term.coefficient * factor, Fraction(1), term.exponent, term.spread * factor)
-            before = sums[part].setdefault((term.base_volt, term.exponent), [Fraction(0)] * 3)
-            for k, x in enumerate((term.coefficient, term.spread, term.blur)):
-                before[k] += x
+            key, own = (term.base_volt, term.exponent), (term.coefficient, term.spread, term.blur)
+            before = sums[part].get(key)
+            sums[part][key] = own if before is None else (before[0] + own[0], before[1] + own[1], before[2] + own[2])
     laws = [tuple(PowerTerm(c[0], *key, *c[1:]) for key, c in sorted(part.items()) if any(c)) for part in sums]
     return LoadLaw(laws[0], laws[1])
 
@@ -197,9 +200,9 @@ def _terms(load: ZipLoad | ExpLoad) -> Iterator[tuple[int, PowerTerm]]:
     """The summands of P (part 0) and Q (part 1) of one load."""
     off = load.tolerance
     if isinstance(load, ZipLoad):
-        for e, coefficients, share in ((2, load.Y, off[0]), (1, load.I, off[1]), (0, load.P, off[2])):
+        for e, coefficients, share in ((TWO, load.Y, off[0]), (ONE, load.I, off[1]), (ZERO, load.P, off[2])):
             for part, c in enumerate(coefficients):
-                yield part, PowerTerm(c, Fraction(1), Fraction(e), abs(c) * share)
+                yield part, PowerTerm(c, ONE, e, abs(c) * share if share else ZERO)
     else:
         yield 0, PowerTerm(load.P0_watt, load.V0_volt, load.np, abs(load.P0_watt) * off[0])
         yield 1, PowerTerm(load.Q0_var, load.V0_volt, load.nq, abs(load.Q0_var) * off[1])

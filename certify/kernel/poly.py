@@ -178,6 +178,15 @@ def bernstein_signs(p: Whole, low: Fraction, high: Fraction) -> list[int]:
     return result
 
 
+def sign_at(p: Whole, x: Fraction) -> int:
+    """The sign of p(x): 1, 0 or -1."""
+    value, power = 0, 1
+    for c in reversed(p):
+        value = value * x.numerator + c * power
+        power *= x.denominator
+    return (value > 0) - (value < 0)
+
+
 def substitute(p: Whole, middle: Fraction, half: Fraction) -> Polynomial:
     """p(middle + half x) as a polynomial in x."""
     result: Polynomial = ()

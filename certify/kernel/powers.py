@@ -119,14 +119,16 @@ def power_enclosure(x: Fraction, e: Fraction, bits: int) -> Interval:
 
 
 def compare_power(x: Fraction, e: Fraction, c: Fraction) -> int | None:
-    """The sign of x^e - c for x > 0: 1, 0, -1, or None if the last precision does not tell.
+    """The sign of x^e - c for x >= 0: 1, 0, -1, or None if the last precision does not tell; 0^e has no bound if e < 0.
 
     x^(p/q) > c iff x^p > c^q for c > 0 (THEORY 0).
     >>> compare_power(Fraction(1, 4), Fraction(1, 2), Fraction(1, 2))
     0
     """
-    if c <= 0:
+    if c < 0 or (x and not c) or (not x and e < 0):
         return 1
+    if not x:
+        return ((not e) > c) - ((not e) < c)
     p, q = e.numerator, e.denominator
     size = [max(v.numerator.bit_length(), v.denominator.bit_length()) for v in (x, c)]
     if size[0] * abs(p) + size[1] * q <= EXACT_BITS:

@@ -15,11 +15,12 @@ from certify.kernel.powers import PRECISIONS
 from certify.kernel.reader import Pair
 from certify.search.proposal import Proposal, to_rows, to_text
 from certify.search.roots import round_to_digits
-from certify.search.voltages import find_pairs, find_touching, find_violations, smallest_eigenvalue
+from certify.search.voltages import find_pairs, find_touching, find_violations, is_violated, least_eigenvalue
 
 MAX_CELLS = 1000
 MAX_CUTS = 40  # of a band into cells for Bernstein coefficients; where it takes more, Sturm sequences cost less
 SAMPLES = 1024
+Data = dict[str, object] | None  # of a proof by some method; None if the method does not apply
 
 
 def propose_load(pieces: Pieces, strongly: bool = False, method: str | None = None) -> Iterator[Proposal]:
@@ -36,11 +37,11 @@ def propose_load(pieces: Pieces, strongly: bool = False, method: str | None = No
     cases = [case for _, case in corners]
     if method == "sampled":
         yield Proposal("conditional", "sampled", {"points": str(max(SAMPLES // len(cases), 1))})
-    violated = _plainly_violated(cases)
-    if strongly and not violated:
+    if any(is_violated(law, band) for band, law in cases):
+        yield from _refutations(pieces)
+    if strongly:
         yield from _strongly(cases, method)
-    if not violated:
-        yield from _proofs(cases, method)
+    yield from _proofs(cases, method)
     yield from _refutations(pieces)
 
 
@@ -59,17 +60,6 @@ def _refutations(pieces: Pieces) -> Iterator[Proposal]:
                         yield Proposal("refuted", "voltage-pair", data | ({} if at_values else {"corner": signs}))
 
 
-def _plainly_violated(cases: Sequence[Case]) -> bool:
-    """Whether an exact value at an end of a band shows that no method can prove the claim."""
-    for band, law in cases:
-        if loads.is_polynomial(law):
-            for p in loads.jacobian_polynomials(law):
-                signs = bernstein_signs(p, *band)
-                if signs and min(signs[0], signs[-1]) < 0:
-                    return True
-    return False
-
-
 # --- methods ------------------------------------------------------------------------------------------------
 
 
@@ -82,17 +72,27 @@ def _proofs(cases: Sequence[Case], method: str | None) -> Iterator[Proposal]:
                 yield Proposal("proved", f"monotone-{name}", data)
 
 
-def _no_data(_: Sequence[Case]) -> dict[str, object] | None:
+def _no_data(_: Sequence[Case]) -> Data:
+    return {}
+
+
+def _ends(cases: Sequence[Case]) -> Data:
+    """For one exponential law, or a ZIP load without negative parameters."""
+    for _, law in cases:
+        single = len(law.active) == 1 and len(law.reactive) <= 1
+        terms = (*law.active, *(t for t in law.reactive if t.exponent != 2))
+        if not single and any(t.exponent not in (0, 1, 2) or t.coefficient < 0 for t in terms):
+            return None
     return {}
 
 
 def _for_polynomials(
-    propose: Callable[[Sequence[Case]], dict[str, object] | None],
-) -> Callable[[Sequence[Case]], dict[str, object] | None]:
+    propose: Callable[[Sequence[Case]], Data],
+) -> Callable[[Sequence[Case]], Data]:
     return lambda cases: propose(cases) if all(loads.is_polynomial(law) for _, law in cases) else None
 
 
-def _bernstein(cases: Sequence[Case]) -> dict[str, object] | None:
+def _bernstein(cases: Sequence[Case]) -> Data:
     points: set[Fraction] = {v for band, _ in cases for v in band}
     for band, law in cases:
         found = find_cuts(loads.jacobian_polynomials(law), band)
@@ -102,7 +102,7 @@ def _bernstein(cases: Sequence[Case]) -> dict[str, object] | None:
     return {"points": to_text(tuple(sorted(points)))}
 
 
-def _sos(cases: Sequence[Case]) -> dict[str, object] | None:
+def _sos(cases: Sequence[Case]) -> Data:
     from certify.search.sos import find_gram_matrices
 
     grams = []
@@ -117,7 +117,7 @@ def _sos(cases: Sequence[Case]) -> dict[str, object] | None:
     return {"grams": grams}
 
 
-def _enclosure(cases: Sequence[Case]) -> dict[str, object] | None:
+def _enclosure(cases: Sequence[Case]) -> Data:
     for bits in PRECISIONS[:3]:
         points: set[Fraction] = {v for band, _ in cases for v in band}
         for band, law in cases:
@@ -130,8 +130,8 @@ def _enclosure(cases: Sequence[Case]) -> dict[str, object] | None:
     return None
 
 
-METHODS: dict[str, Callable[[Sequence[Case]], dict[str, object] | None]] = {
-    "ends": _no_data,
+METHODS: dict[str, Callable[[Sequence[Case]], Data]] = {
+    "ends": _ends,
     "bernstein": _for_polynomials(_bernstein),
     "sturm": _for_polynomials(_no_data),
     "enclosure": _enclosure,
@@ -158,14 +158,24 @@ def find_cuts(polynomials: Sequence[Whole], band: Pair) -> list[Fraction] | None
 
 
 def find_cells(law: LoadLaw, band: Pair, bits: int) -> list[Fraction] | None:
-    """Points between which enclosures tell that G and D are not negative; None if too many are needed."""
+    """Points between which enclosures tell that G and D are not negative; None if too many are needed.
+
+    If plain bisection comes to a halt, D may vanish at a voltage that has to be one of the points.
+    """
+    found = _bisect(law, [band], bits)
+    if found is None:
+        ends = sorted({*band, *(v for v in find_touching(law, band) if band[0] < v < band[1])})
+        found = _bisect(law, list(pairwise(ends))[::-1], bits) if len(ends) > 2 else None
+    return found
+
+
+def _bisect(law: LoadLaw, work: list[Pair], bits: int) -> list[Fraction] | None:
 
     def at(v: Fraction) -> tuple[loads.Parts, loads.Parts]:
         return loads.admittances(law.active, v, bits), loads.admittances(law.reactive, v, bits)
 
-    start = sorted({*band, *(v for v in find_touching(law, band) if band[0] < v < band[1])})
-    known = {v: at(v) for v in start}
-    points, work = [band[0]], list(pairwise(start))[::-1]
+    known = {v: at(v) for band in work for v in band}
+    points = [work[-1][0]]
     while work:
         low, high = work.pop()
         if loads.cell_sign(known[low], known[high]) is not None:
@@ -182,13 +192,8 @@ def find_cells(law: LoadLaw, band: Pair, bits: int) -> list[Fraction] | None:
 
 
 def _strongly(cases: Sequence[Case], method: str | None) -> Iterator[Proposal]:
-    """Proofs with a modulus: a number of few digits below the smallest eigenvalue that a grid of voltages shows."""
-    least = min(
-        smallest_eigenvalue(law, band[0] + (band[1] - band[0]) * Fraction(k, 32))
-        for band, law in cases
-        for k in range(33)
-        if band[0] or k
-    )
+    """Proofs with a modulus: a number of few digits below the smallest eigenvalue that floats show."""
+    least = min(least_eigenvalue(law, band) for band, law in cases)
     for share, digits in ((0.999, 3), (0.95, 1), (0.5, 1), (0.1, 1), (0.01, 1)):
         if least * share > 1e-300:
             modulus = round_to_digits(Fraction(least * share), digits)

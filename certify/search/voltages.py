@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 
 from certify.kernel import loads, poly
@@ -14,33 +14,71 @@ from certify.kernel.reader import Pair
 from certify.search.roots import find_negative_point, round_to_digits, square_root
 
 FINE_BITS = 600  # of the values from which a pair of voltages is built
-GRID = 64
+GRID = 32
 
 
-def jacobian_value(law: LoadLaw, v: Fraction) -> tuple[float, float, float]:
-    """G, G + v G' and v B' at one voltage, in floats: for looking around only."""
+def float_law(law: LoadLaw) -> Callable[[float], tuple[float, float, float]]:
+    """G, G + v G' and v B' as functions of v, in floats: for looking around only. Zeros where floats overflow."""
+    active, reactive = (
+        [(float(t.coefficient) / base**2, base, float(t.exponent) - 2) for t in part for base in (float(t.base_volt),)]
+        for part in (law.active, law.reactive)
+    )
 
-    def total(terms: tuple[PowerTerm, ...], weight: int) -> float:
-        x = float(v)
-        parts = ((t, float(t.coefficient) / x**2 * (x / float(t.base_volt)) ** float(t.exponent)) for t in terms)
-        return math.fsum(value * (float(t.exponent) - weight if weight else 1.0) for t, value in parts)
+    def values(v: float) -> tuple[float, float, float]:
+        G = radial = cross = 0.0
+        try:
+            for c, base, e in active:
+                value = c * (v / base) ** e
+                G, radial = G + value, radial + value * (e + 1)
+            for c, base, e in reactive:
+                cross -= c * (v / base) ** e * e
+        except OverflowError:
+            return 0.0, 0.0, 0.0
+        return G, radial, cross
 
-    try:
-        return total(law.active, 0), total(law.active, 1), -total(law.reactive, 2)
-    except OverflowError:
-        return 0.0, 0.0, 0.0
+    return values
 
 
-def smallest_eigenvalue(law: LoadLaw, v: Fraction) -> float:
-    """Of the symmetric part of the Jacobian at one voltage, in siemens and in floats."""
-    G, radial, cross = jacobian_value(law, v)
+def smallest_eigenvalue(G: float, radial: float, cross: float) -> float:
+    """Of the symmetric part of the Jacobian, in siemens."""
     return (G + radial) / 2 - math.hypot((radial - G) / 2, cross / 2)
 
 
-def determinant_value(law: LoadLaw, v: Fraction) -> tuple[float, float]:
-    """G and D at one voltage, in floats."""
-    G, radial, cross = jacobian_value(law, v)
-    return G, G * radial - cross**2 / 4
+def least_eigenvalue(law: LoadLaw, band: Pair, points: int = 24) -> float:
+    """The smallest eigenvalue on a grid of voltages, improved by a parabola around the lowest point."""
+    low, high = float(band[0] or band[1] / 2**20), float(band[1])
+    values = float_law(law)
+
+    def at(v: float) -> float:
+        return smallest_eigenvalue(*values(v))
+
+    step = (high - low) / points
+    grid = [at(low + step * k) for k in range(points + 1)]
+    k = min(range(points + 1), key=grid.__getitem__)
+    least = grid[k]
+    if 0 < k < points:
+        bend = grid[k - 1] - 2 * least + grid[k + 1]
+        if bend > 0:
+            least -= (grid[k + 1] - grid[k - 1]) ** 2 / (8 * bend)
+    return least
+
+
+def is_violated(law: LoadLaw, band: Pair, points: int = 16) -> bool:
+    """Whether floats show plainly that G or D is negative somewhere on a coarse grid."""
+    low, high = float(band[0] or band[1] / 2**20), float(band[1])
+    values = float_law(law)
+    for k in range(points + 1):
+        G, radial, cross = values(low + (high - low) * k / points)
+        D, size = G * radial - cross * cross / 4, abs(G * radial) + cross * cross
+        if G < 0 or D + 1e-9 * size < 0:
+            return True
+    return False
+
+
+def _inside(v: float, band: Pair) -> Fraction:
+    """A voltage of the band near v, of few digits unless it is an end."""
+    low = band[0] or band[1] / 2**20
+    return min(max(round_to_digits(Fraction(v), 4), low), band[1])
 
 
 def _grid(band: Pair) -> list[Fraction]:
@@ -51,14 +89,17 @@ def _grid(band: Pair) -> list[Fraction]:
 
 def find_violations(law: LoadLaw, band: Pair) -> list[Fraction]:
     """Voltages of the band where G or D is negative as far as one sees, the plainest first."""
-    found = []
-    for v in _grid(band):
-        G, D = determinant_value(law, v)
+    found, values = [], float_law(law)
+    low, high = float(band[0] or band[1] / 2**20), float(band[1])
+    for k in range(GRID + 1):
+        v = low + (high - low) * k / GRID
+        G, radial, cross = values(v)
+        D = G * radial - cross**2 / 4
         if min(G, D) < 0:
             found.append((D if D < 0 else G * abs(G), v))
     if found:
-        best = sorted(found)
-        return [best[0][1], best[len(best) // 2][1]]
+        found.sort()
+        return [_inside(v, band) for v in (found[0][1], found[len(found) // 2][1])]
     if not loads.is_polynomial(law):
         return [v for v in _lowest(law, band) if min(x[0] for x in loads.jacobian_enclosure(law, v, FINE_BITS)) < 0]
     for p in loads.jacobian_polynomials(law)[::-1]:
@@ -71,7 +112,8 @@ def find_violations(law: LoadLaw, band: Pair) -> list[Fraction]:
 def _lowest(law: LoadLaw, band: Pair) -> list[Fraction]:
     """Where D is lowest, to about a hundred digits: the ends of the band, and roots of its derivative by Newton."""
     grid = _grid(band)
-    values = [determinant_value(law, v)[1] for v in grid]
+    looks = [float_law(law)(float(v)) for v in grid]
+    values = [G * radial - cross**2 / 4 for G, radial, cross in looks]
     found = [band[0] or grid[0], band[1]]
     for k in range(1, len(grid) - 1):
         if values[k] <= min(values[k - 1], values[k + 1]):
@@ -87,7 +129,8 @@ def _lowest(law: LoadLaw, band: Pair) -> list[Fraction]:
 
 
 def _middles(law: LoadLaw, v: Fraction) -> tuple[Fraction, ...]:
-    _, D = loads.jets(*(loads.admittances(terms, v, FINE_BITS) for terms in (law.active, law.reactive)))
+    active, reactive = (loads.admittances(terms, v, FINE_BITS) for terms in (law.active, law.reactive))
+    _, D = loads.jets(active, reactive)
     return tuple((low + high) / 2 for low, high in D)
 
 
