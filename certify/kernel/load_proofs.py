@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 from itertools import pairwise
 
-from certify.kernel import loads
+from certify.kernel import disks, loads
 from certify.kernel.claims import Context, Fact, corner_facts, to_text
 from certify.kernel.data import Data
 from certify.kernel.errors import require
@@ -171,3 +171,59 @@ def check_pair(pieces: Pieces, data: Data) -> tuple[Fact, ...]:
     facts.append(("tangent of half the angle between them", t.scalar(), ""))
     facts.append(("violating product, at most", product[1], "W"))
     return (*corner_facts(signs, quantities), *facts)
+
+
+def disk(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
+    """The handler of `monotone-disk`."""
+    law, centre, radius = context.disk(name)
+    given, rest = data.optional("modulus")
+    modulus = given.scalar() if given else Fraction(0)
+    require(modulus > 0 or given is None, "the modulus is not positive")
+    below, rest = rest.optional("denominator")
+    denominator = None
+    if below is not None:
+        margin, inner = below.optional("margin")
+        require(margin is not None, "the denominator has no margin")
+        context.margins[name] = margin.scalar() if margin else Fraction(0)
+        denominator = (context.margins[name], _disk_sum(inner))
+    strict = disks.monotone_disk(law, centre, radius, _disk_sum(rest), denominator, modulus)
+    if strict:
+        context.strict_loads.add(name)
+    context.moduli[name] = modulus
+    facts: tuple[Fact, ...] = (("strictly monotone", Fraction(int(strict)), ""),)
+    return (*facts, ("strongly monotone with modulus", modulus, "S")) if modulus else facts
+
+
+def _disk_sum(data: Data) -> disks.DiskSum:
+    degree, gram, second = data.fields("degree", "gram", "disk")
+    require(degree.scalar().denominator == 1, "a degree is a whole number")
+    return disks.DiskSum(degree.scalar().numerator, gram.matrix(), second.matrix())
+
+
+def sampled_disk(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
+    """Evidence, as `sampled`, for a load given by its current."""
+    (count,) = (part.scalar() for part in data.fields("points"))
+    require(count.denominator == 1 and 0 < count <= MAX_SAMPLES, "the number of points is absurd")
+    disks.sampled_disk(*context.disk(name), count.numerator)
+    context.sampled.add(name)
+    return (("voltages tried without a violation", count, ""),)
+
+
+def current_pair(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
+    """The handler of `current-pair`."""
+    U, V = (part.vector() for part in data.fields("U", "V"))
+    require(len(U) == len(V) == 2, "a voltage has two components")
+    product = disks.current_pair(*context.disk(name), (U[0], U[1]), (V[0], V[1]))
+    named = [
+        (f"{part} of voltage {k}", x, "V") for k, W in (("U", U), ("V", V)) for part, x in zip("dq", W, strict=True)
+    ]
+    return (*named, ("violating product", product, "W"))
+
+
+def lipschitz(context: Context, name: str) -> Fraction:
+    """A Lipschitz constant in siemens of the static load at a node, where its claim is made."""
+    if context.nodes[name].current is None:
+        pieces = context.pieces(name)
+        bound: Fraction = context.once(("lipschitz", pieces), lambda: loads.lipschitz_bound(pieces))
+        return bound
+    return disks.lipschitz_bound_disk(*context.disk(name), context.margins.get(name, Fraction(0)))

@@ -25,7 +25,15 @@ from certify.kernel.poly import (
     substitute,
     to_polynomial,
 )
-from certify.kernel.powers import PRECISIONS, Interval, compare_power, interval_product, interval_sum, power_enclosure
+from certify.kernel.powers import (
+    PRECISIONS,
+    Interval,
+    compare_power,
+    interval_product,
+    interval_sum,
+    power_enclosure,
+    radical_inverse,
+)
 from certify.kernel.reader import Pair
 
 MAX_DEGREE = 12  # of P and Q as polynomials in v
@@ -245,16 +253,17 @@ def is_violated_at(law: LoadLaw, v: Fraction) -> bool:
 def _sign_on_cell(cell: Jet, low: Jet, high: Jet) -> bool | None:
     """Whether a function is positive (True) or at least not negative (False) on a cell, as far as enclosures tell.
 
-    By its values on the cell; or by that at one end, if it does not decrease from there; or if its first derivative
-    there points upwards and its second on the cell is not negative.
+    By its values on the cell; or by its value f at one end, if it does not decrease from there; or if its second
+    derivative on the cell is at least b >= 0, and its slope s from that end inwards is s >= 0 or s^2 <= 2 b f.
     """
-    for order in range(3):
-        for end, sign in ((low, 1), (high, -1)):
-            toward = [x if sign ** (k % 2) == 1 else (-x[1], -x[0]) for k, x in enumerate(end)]
-            inside = cell[order] if sign ** (order % 2) == 1 else (-cell[order][1], -cell[order][0])
-            if inside[0] >= 0 and all(x[0] >= 0 for x in toward[:order]):
-                return (inside if order == 0 else toward[0])[0] > 0
-    return None
+    if cell[0][0] > 0:
+        return True
+    for value, slope, inner in ((low[0][0], low[1][0], cell[1][0]), (high[0][0], -high[1][1], -cell[1][1])):
+        if value >= 0 and (inner >= 0 or (cell[2][0] >= 0 and slope >= 0)):
+            return value > 0
+        if value > 0 and slope**2 <= 2 * cell[2][0] * value and cell[2][0] > 0:
+            return slope**2 < 2 * cell[2][0] * value
+    return False if cell[0][0] == 0 else None
 
 
 def cell_sign(low: tuple[Parts, Parts], high: tuple[Parts, Parts]) -> bool | None:
@@ -284,11 +293,10 @@ def monotone_enclosure(law: LoadLaw, cells: Sequence[Fraction], bits: int) -> bo
 
 
 def sampled(law: LoadLaw, band: Pair, count: int) -> None:
-    """Rule `sampled`: no violation at the ends and at `count` points of the van der Corput sequence. Proves nothing."""
-    for k in range(count + 2):
-        mirrored = bin(k)[:1:-1]  # the binary digits of k, mirrored at the point
-        share = Fraction(int(mirrored, 2), 1 << len(mirrored)) if k <= count else Fraction(1)
-        G, D = jacobian_enclosure(law, band[0] + (band[1] - band[0]) * share, PRECISIONS[0])
+    """Rule `sampled`: no violation at the upper end and `count` points of the van der Corput sequence. No proof."""
+    for k in range(count + 1):
+        v = band[0] + (band[1] - band[0]) * radical_inverse(k, 2) if k < count else band[1]
+        G, D = jacobian_enclosure(law, v, PRECISIONS[0])
         require(G[1] >= 0 and D[1] >= 0, "a sample shows that the load is not monotone")
 
 

@@ -15,7 +15,7 @@ from certify.kernel.powers import PRECISIONS
 from certify.kernel.reader import Pair
 from certify.search.proposal import Proposal, to_rows, to_text
 from certify.search.roots import round_to_digits
-from certify.search.voltages import find_pairs, find_touching, find_violations, is_violated, least_eigenvalue
+from certify.search.voltages import find_pairs, find_touching, find_violations, least_eigenvalue, may_be_violated
 
 MAX_CELLS = 1000
 MAX_CUTS = 40  # of a band into cells for Bernstein coefficients; where it takes more, Sturm sequences cost less
@@ -37,12 +37,14 @@ def propose_load(pieces: Pieces, strongly: bool = False, method: str | None = No
     cases = [case for _, case in corners]
     if method == "sampled":
         yield Proposal("conditional", "sampled", {"points": str(max(SAMPLES // len(cases), 1))})
-    if any(is_violated(law, band) for band, law in cases):
+    first = any(may_be_violated(law, band) for band, law in cases)
+    if first:
         yield from _refutations(pieces)
     if strongly:
         yield from _strongly(cases, method)
     yield from _proofs(cases, method)
-    yield from _refutations(pieces)
+    if not first:
+        yield from _refutations(pieces)
 
 
 def _refutations(pieces: Pieces) -> Iterator[Proposal]:

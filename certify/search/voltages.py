@@ -63,16 +63,17 @@ def least_eigenvalue(law: LoadLaw, band: Pair, points: int = 24) -> float:
     return least
 
 
-def is_violated(law: LoadLaw, band: Pair, points: int = 16) -> bool:
-    """Whether floats show plainly that G or D is negative somewhere on a coarse grid."""
+def may_be_violated(law: LoadLaw, band: Pair, points: int = 16) -> bool:
+    """Whether G or D is negative at one of a few voltages, or so small that a refutation should be tried first."""
     low, high = float(band[0] or band[1] / 2**20), float(band[1])
     values = float_law(law)
-    for k in range(points + 1):
-        G, radial, cross = values(low + (high - low) * k / points)
-        D, size = G * radial - cross * cross / 4, abs(G * radial) + cross * cross
-        if G < 0 or D + 1e-9 * size < 0:
-            return True
-    return False
+    return any(_is_below(1e-4, *values(low + (high - low) * k / points)) for k in range(points + 1))
+
+
+def _is_below(share: float, G: float, radial: float, cross: float) -> bool:
+    """Whether G or D is below a share of the size of the Jacobian."""
+    size = abs(G) + abs(radial) + abs(cross)
+    return share * size > G or share * size**2 > G * radial - cross * cross / 4
 
 
 def _inside(v: float, band: Pair) -> Fraction:
@@ -94,14 +95,14 @@ def find_violations(law: LoadLaw, band: Pair) -> list[Fraction]:
     for k in range(GRID + 1):
         v = low + (high - low) * k / GRID
         G, radial, cross = values(v)
-        D = G * radial - cross**2 / 4
-        if min(G, D) < 0:
+        if _is_below(-1e-9, G, radial, cross):  # by more than rounding explains
+            D = G * radial - cross**2 / 4
             found.append((D if D < 0 else G * abs(G), v))
     if found:
         found.sort()
         return [_inside(v, band) for v in (found[0][1], found[len(found) // 2][1])]
     if not loads.is_polynomial(law):
-        return [v for v in _lowest(law, band) if min(x[0] for x in loads.jacobian_enclosure(law, v, FINE_BITS)) < 0]
+        return [v for v in _lowest(law, band) if min(x[1] for x in loads.jacobian_enclosure(law, v, FINE_BITS)) < 0]
     for p in loads.jacobian_polynomials(law)[::-1]:
         omega = find_negative_point(to_polynomial(poly.bernstein_signs(p, *band)))  # the band, carried to x > 0
         if omega is not None:
