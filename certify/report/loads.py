@@ -280,6 +280,8 @@ def _open(result: Result) -> str:
     name = f"row {result.number}" + (f" ({result.name})" if result.name else "")
     if result.verdict != "refuted":
         return f"  {name}: {result.verdict}"
+    if result.violation is None:
+        return f"  {name}: fails between two voltages of its disk"
     at = f"fails at {_volts(result.violation, result.base)}"
     if result.critical == ():
         return f"  {name}: {at}, and not even monotone around the top of its band"
@@ -288,9 +290,7 @@ def _open(result: Result) -> str:
     return f"  {name}: {at}"
 
 
-def _volts(x: Fraction | None, base: Fraction | None, up: bool = False) -> str:
-    if x is None:
-        return "a voltage"
+def _volts(x: Fraction, base: Fraction | None, up: bool = False) -> str:
     return f"{decimal(x / base, up, 6)} pu" if base else f"{decimal(x, up, 6)} V"
 
 

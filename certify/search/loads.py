@@ -7,6 +7,7 @@ from fractions import Fraction
 from itertools import pairwise
 
 from certify.kernel import loads
+from certify.kernel.claims import Context
 from certify.kernel.errors import RuleFailure
 from certify.kernel.load_proofs import Case
 from certify.kernel.model import LoadLaw, Pieces, law_at, law_corners, less_conductance
@@ -45,6 +46,21 @@ def propose_load(pieces: Pieces, strongly: bool = False, method: str | None = No
     yield from _proofs(cases, method)
     if not first:
         yield from _refutations(pieces)
+
+
+def propose_disk(context: Context, node: str, strongly: bool = False, method: str | None = None) -> Iterator[Proposal]:
+    """The same for a load given by its current: by sums of squares, or evidence if that is asked for."""
+    from certify.search.currents import propose_current
+
+    if method == "sampled":
+        yield Proposal("conditional", "sampled", {"points": str(SAMPLES)})
+    try:
+        law, centre, radius = context.disk(node)
+    except RuleFailure:  # the sum of the loads is too large
+        return
+    for proposal in propose_current(law, centre, radius, strongly):
+        if proposal.status == "refuted" or method in (None, "sos"):
+            yield proposal
 
 
 def _refutations(pieces: Pieces) -> Iterator[Proposal]:

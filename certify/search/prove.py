@@ -14,7 +14,7 @@ from certify.kernel.load_proofs import lipschitz
 from certify.kernel.proofs import HOLDS, RULES, least_resistance
 from certify.kernel.spec import Microgrid
 from certify.search.dgu import propose_dgu
-from certify.search.loads import SAMPLES, propose_load
+from certify.search.loads import propose_disk, propose_load
 from certify.search.proposal import Proposal
 from certify.search.roots import magnitude
 
@@ -93,7 +93,9 @@ class Search:
         elif kind == "current":
             strongly, node = what in self.context.shortages, self.context.nodes[what]
             content = (node.current, node.loads, strongly)
-            found = self._first("current", what, content, lambda: self._disk(what, strongly))
+            found = self._first(
+                "current", what, content, lambda: propose_disk(self.context, what, strongly, self.method)
+            )
         elif kind == "island":
             found = self._first("island", what, None, lambda: self._pins(what))
             if found is None:
@@ -103,18 +105,6 @@ class Search:
             status = "conditional" if kind == "microgrid" and self.context.sampled else "proved"
             found = self._first(kind, what, None, lambda: iter([Proposal(status, rule)]))
         self._settle(name, found)
-
-    def _disk(self, node: str, strongly: bool) -> Iterator[Proposal]:
-        """A load given by its current: sums of squares, or evidence if asked for."""
-        from certify.search.currents import propose_current
-
-        if self.method == "sampled":
-            yield Proposal("conditional", "sampled", {"points": str(SAMPLES)})
-        try:
-            proposals = propose_current(*self.context.disk(node), strongly)
-        except RuleFailure:  # the sum of the loads is too large
-            return
-        yield from (p for p in proposals if self.method in (None, "sos") or p.status == "refuted")
 
     def _settle(self, name: str, found: Proposal | None) -> None:
         self.accepted[name] = found
