@@ -166,9 +166,9 @@ def monotone_sos(law: LoadLaw, band: Pair, grams: Sequence[Matrix]) -> bool:
 
 def _sum_of_squares(p: Polynomial, first: Matrix, second: Matrix) -> bool:
     """Whether sigma0 is positive definite; fails unless p = sigma0 + (1 - x^2) sigma1 with Gram matrices >= 0."""
-    size = len(first)
-    require(0 < size <= MAX_DEGREE + 2 and len(second) <= size - 1, "the Gram matrices do not fit each other")
-    total = [Fraction(0)] * (2 * size + 1)
+    size = max(len(first), len(second))
+    require(size <= MAX_DEGREE + 2, "the Gram matrices are too large")
+    total = [Fraction(0)] * (2 * size + 2)
     for gram, shifts in ((first, ((0, 1),)), (second, ((0, 1), (2, -1)))):
         require(is_symmetric(gram), "a Gram matrix is not symmetric")
         for i, row in enumerate(gram):
@@ -181,7 +181,7 @@ def _sum_of_squares(p: Polynomial, first: Matrix, second: Matrix) -> bool:
         diagonal, semidefinite = ldl_pivots(gram)
         require(semidefinite, "a Gram matrix is not positive semidefinite")
         pivots.append(diagonal)
-    return all(x > 0 for x in pivots[0])
+    return len(first) > 0 and all(x > 0 for x in pivots[0])
 
 
 # --- enclosures ---------------------------------------------------------------------------------------------
