@@ -28,7 +28,7 @@ COLUMNS = (
 DIGITS = 12
 SHOWN = 12  # refuted or undecided loads listed one by one
 SHARES = tuple(Fraction(k, 100) for k in (50, 60, 70, 80, 85, 90, 95, 100))
-POWER_FACTORS = ("0.8", "0.9", "0.95", "1")
+POWER_FACTORS = ("0.8", "0.95", "1")
 MAX_FAULTS = 100
 
 
