@@ -26,6 +26,7 @@ MAX_TABLE_BYTES = 1 << 29
 MAX_JSON_BYTES = 1 << 27
 MAX_LINE = 20_000
 POWER_FACTOR_DIGITS = 40
+HUGE = Fraction(10**30)
 
 UNITS = {"P0": "W", "Q0": "var", "V0": "V", "v_min": "V", "v_max": "V"}
 UNITS |= {"Yp": "S", "Yq": "S", "Ip": "A", "Iq": "A", "Pp": "W", "Pq": "var"}  # of absolute coefficients
@@ -208,6 +209,8 @@ def decode_row(number: int, cells: Cells, units: Mapping[str, str], band: tuple[
             per_unit = {"V": values[column]} if values[column] > 0 else {}
         if column in ("V0", "v_min", "v_max") and values[column] <= 0:
             fault("S208", column, f"must be positive, got {shorten(cells[column])}")
+        if values[column] and column in UNITS and not 1 / HUGE <= abs(values[column]) <= HUGE:
+            fault("S202", column, f"{shorten(cells[column])} is absurd; in SI at most 1e30 in size, at least 1e-30")
         if column in ("np", "nq") and abs(values[column]) > 100:
             fault("S202", column, f"exponent {shorten(cells[column])} is absurd; at most 100 in size")
         if column == "pf" and not 0 < abs(values[column]) <= 1:

@@ -125,7 +125,7 @@ def _lowest(law: LoadLaw, band: Pair) -> list[Fraction]:
     values = [G * radial - cross**2 / 4 for G, radial, cross in looks]
     found = [band[0] or grid[0], band[1]]
     for k in range(1, len(grid) - 1):
-        if values[k] <= min(values[k - 1], values[k + 1]):
+        if any(looks[k]) and values[k] <= min(values[k - 1], values[k + 1]):
             v = grid[k]
             for _ in range(12):
                 _, slope, bend = _middles(law, v)
