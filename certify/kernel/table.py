@@ -39,7 +39,7 @@ KINDS = {
 FRACTIONS = KINDS["ZIP in fractions"][2:]
 PER_UNIT = {"V": Fraction(1)}
 MARKS = {"Zp": 0, "Zq": 0, "Yp": 1, "Yq": 1, "np": 2, "nq": 2}
-COLUMNS = ("name", "pf", *UNITS, *MARKS)
+COLUMNS = tuple(dict.fromkeys(("name", "pf", *UNITS, *MARKS)))
 _HEADER = re.compile(r"\s*(\w+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*", re.ASCII)
 
 Cells = dict[str, Any]  # column -> raw value; empty cells are left out
