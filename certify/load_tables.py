@@ -172,7 +172,8 @@ def _decide_row(
     number: int, cells: Cells | Fault, units: dict[str, str], band: Band, method: str | None, only_read: bool
 ) -> Decided:
     entry: dict[str, Any] = {"status": "bad input"}
-    name = str(cells.get("name", ""))[:200] if isinstance(cells, dict) else ""
+    name = cells.get("name", "") if isinstance(cells, dict) else ""
+    name = str(name)[:200] if isinstance(name, str) and name.isprintable() else ""
     try:
         if isinstance(cells, Fault):
             raise SpecError((cells,))
@@ -232,12 +233,15 @@ def _margin(pieces: Pieces, verdict: LoadVerdict, violation: Fraction | None, ba
         unit = math.hypot(P, Q) / v**2
         if not unit:
             return None
+        value = 0.0
         if verdict.modulus is not None:
-            return float(verdict.modulus) / unit
-        if violation is not None:
+            value = float(verdict.modulus) / unit
+        elif violation is not None:
             own = next(law for band, law in pieces if band[0] <= violation <= band[1])
-            return smallest_eigenvalue(*float_law(own)(float(violation))) / unit
-    except OverflowError:
+            value = smallest_eigenvalue(*float_law(own)(float(violation))) / unit
+        if value or verdict.modulus is not None or violation is not None:
+            return value if value and math.isfinite(value) else None  # zero is what floats could not tell
+    except (OverflowError, ZeroDivisionError):
         return None
     return 0.0 if verdict.status == "proved" else None
 

@@ -33,7 +33,6 @@ STATUSES = ("proved", "refuted", "conditional", "unknown")
 class LoadVerdict:
     """What is shown of one load.
 
-
     `critical`: a bracket of the voltage from which on it is monotone up to the top of its band; (0, 0) if from every
     voltage on, () if not even at the top, None if nothing is said. `modulus` in siemens.
     """
@@ -68,7 +67,7 @@ def check_load(pieces: Pieces, entry: dict[str, Any]) -> LoadVerdict:
         require(rule == "voltage-pair", "a load is refuted by a pair of voltages")
         return LoadVerdict(status, rule, critical=critical, facts=check_pair(pieces, data))
     allowed = {"proved": [m for m in METHODS if m != "sampled"], "conditional": ["sampled"]}
-    require(rule in allowed.get(status, []), "a load cannot be decided in this way")
+    require(isinstance(status, str) and rule in allowed.get(status, []), "a load cannot be decided in this way")
     given, rest = data.optional("modulus")
     modulus = given.scalar() if given else None
     require(modulus is None or (modulus > 0 and status == "proved"), "the modulus is not positive")
@@ -124,6 +123,8 @@ def check_row(
         return RowVerdict(number, row, check_load(row.pieces, entry))
     except RuleFailure as failure:
         raise Rejected("K201", where, f"rule {shorten(entry.get('rule'))}: {failure}") from None
+    except RecursionError:
+        raise Rejected("K101", where, "nested too deeply") from None
 
 
 def check_table(table: bytes, certificate: bytes) -> Iterator[RowVerdict]:

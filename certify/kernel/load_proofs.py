@@ -18,6 +18,7 @@ from certify.kernel.reader import Pair
 # What a proof may cost, where a box of tolerances multiplies it: corners times the size of the work at each of them.
 MAX_LOAD_WORK = 1 << 21  # squared degree times bits of a coefficient
 MAX_CELL_WORK = 1 << 17  # points times bits
+MAX_POWER_WORK = 1 << 35  # squared bits of the whole powers of the points
 MAX_GRAM_WORK = 400_000  # characters of all Gram matrices
 MAX_SAMPLES = 4096
 
@@ -51,7 +52,7 @@ def _sturm(cases: Sequence[Case], data: Data) -> bool:
 
 def _bernstein(cases: Sequence[Case], data: Data) -> bool:
     points = data.fields("points")[0].vector()
-    _limit_work(cases, len(points))
+    _limit_work(cases, points)
     return _all(loads.monotone_bernstein(law, _cells(points, band)) for band, law in cases)
 
 
@@ -67,6 +68,8 @@ def _enclosure(cases: Sequence[Case], data: Data) -> bool:
     points, bits = (part.vector() for part in data.fields("points", "bits"))
     require(len(bits) == 1 and bits[0] in PRECISIONS[:3], "the precision is absurd")
     require(len(cases) * len(points) * bits[0] <= MAX_CELL_WORK, "too many points, bits or corners")
+    work = sum((_bits(v) * _whole_power(law)) ** 2 for _, law in cases for v in points)
+    require(work <= MAX_POWER_WORK, "the points have too many digits")
     return _all(loads.monotone_enclosure(law, _cells(points, band), bits[0].numerator) for band, law in cases)
 
 
@@ -99,18 +102,28 @@ def _cells(points: Sequence[Fraction], band: Pair) -> tuple[Fraction, ...]:
     return (band[0], *(v for v in points if band[0] < v < band[1]), band[1])
 
 
-def _limit_work(cases: Sequence[Case], points: int = 1) -> None:
+def _limit_work(cases: Sequence[Case], points: Sequence[Fraction] = (Fraction(1),)) -> None:
     """Against a box of tolerances, or a list of points, that multiplies the work with polynomials of many digits."""
-    work = points * sum(law_work(law) for _, law in cases)
-    require(len(cases) == points == 1 or work <= MAX_LOAD_WORK, "too many corners or points")
+    work = sum(law_work(law, _bits(v)) for _, law in cases for v in points)
+    require(len(cases) == len(points) == 1 or work <= MAX_LOAD_WORK, "too many corners or points")
 
 
-def law_work(law: LoadLaw) -> int:
-    """What one Sturm sequence of a law costs, about: squared degree times bits."""
+def _bits(x: Fraction) -> int:
+    return x.numerator.bit_length() + x.denominator.bit_length()
+
+
+def _whole_power(law: LoadLaw) -> int:
+    """The largest power of a voltage that enclosures take exactly."""
+    exponents = [t.exponent - 2 for t in (*law.active, *law.reactive)]
+    return max((abs(e.numerator) for e in exponents if e.denominator == 1 and abs(e) <= 64), default=1)
+
+
+def law_work(law: LoadLaw, bits: int = 0) -> int:
+    """What one Sturm sequence of a law costs, about: squared degree times bits, of a coefficient or as given."""
     terms = (*law.active, *law.reactive)
     degree = max((int(term.exponent) for term in terms), default=0)
     numbers = [x for t in terms for x in (t.coefficient, t.spread)]
-    return degree**2 * max((x.numerator.bit_length() + x.denominator.bit_length() for x in numbers), default=0)
+    return degree**2 * max((bits, *map(_bits, numbers)))
 
 
 # --- handlers -------------------------------------------------------------------------------------------------

@@ -100,6 +100,7 @@ def monotone_ends(law: LoadLaw, band: Pair) -> bool:
     require(all(t.exponent in (0, 1, 2) for t in terms), "neither a single exponential law nor a ZIP load")
     worst = (*law.active, *(t for t in law.reactive if t.exponent != 2))  # a constant susceptance does not enter D
     require(all(t.coefficient >= 0 for t in worst), "a parameter of the ZIP load is negative")
+    require(band[0] > 0, "D v^4 tells nothing at zero")
     sign = sign_at(jacobian_polynomials(law)[1], band[0])
     require(sign >= 0, "D v^2, which increases, is negative at the lower end of the band")
     return sign > 0
@@ -282,6 +283,7 @@ def cell_sign(low: tuple[Parts, Parts], high: tuple[Parts, Parts]) -> bool | Non
 def monotone_enclosure(law: LoadLaw, cells: Sequence[Fraction], bits: int) -> bool:
     """Rule `monotone-enclosure`: G and D on every cell between consecutive voltages, by enclosures rounded outwards."""
     strict, before = True, None
+    require(cells[0] > 0, "a power may have no bound at zero")
     for v in cells:
         here = (admittances(law.active, v, bits), admittances(law.reactive, v, bits))
         if before is not None:

@@ -15,14 +15,22 @@ from certify.search.roots import find_negative_point, round_to_digits, square_ro
 
 FINE_BITS = 600  # of the values from which a pair of voltages is built
 GRID = 32
+HUGE = 1e150
 
 
 def float_law(law: LoadLaw) -> Callable[[float], tuple[float, float, float]]:
     """G, G + v G' and v B' as functions of v, in floats: for looking around only. Zeros where floats overflow."""
-    active, reactive = (
-        [(float(t.coefficient) / base**2, base, float(t.exponent) - 2) for t in part for base in (float(t.base_volt),)]
-        for part in (law.active, law.reactive)
-    )
+    try:
+        active, reactive = (
+            [
+                (float(t.coefficient) / base**2, base, float(t.exponent) - 2)
+                for t in part
+                for base in (float(t.base_volt),)
+            ]
+            for part in (law.active, law.reactive)
+        )
+    except (OverflowError, ZeroDivisionError):
+        return lambda _: (0.0, 0.0, 0.0)
 
     def values(v: float) -> tuple[float, float, float]:
         G = radial = cross = 0.0
@@ -32,9 +40,10 @@ def float_law(law: LoadLaw) -> Callable[[float], tuple[float, float, float]]:
                 G, radial = G + value, radial + value * (e + 1)
             for c, base, e in reactive:
                 cross -= c * (v / base) ** e * e
-        except OverflowError:
+        except (OverflowError, ZeroDivisionError):
             return 0.0, 0.0, 0.0
-        return G, radial, cross
+        # what is so large that its square would overflow is as unknown as what does
+        return (G, radial, cross) if abs(G) + abs(radial) + abs(cross) < HUGE else (0.0, 0.0, 0.0)
 
     return values
 
@@ -117,7 +126,7 @@ def _lowest(law: LoadLaw, band: Pair) -> list[Fraction]:
     values = [G * radial - cross**2 / 4 for G, radial, cross in looks]
     found = [band[0] or grid[0], band[1]]
     for k in range(1, len(grid) - 1):
-        if values[k] <= min(values[k - 1], values[k + 1]):
+        if any(looks[k]) and values[k] <= min(values[k - 1], values[k + 1]):
             v = grid[k]
             for _ in range(12):
                 _, slope, bend = _middles(law, v)
@@ -179,10 +188,13 @@ def find_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fr
 
 def _plain_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fraction]]:
     """A pair that floats find and can trust: most loads that are not monotone are so by far."""
-    terms = [
-        [(float(t.coefficient), float(t.base_volt), float(t.exponent)) for t in part]
-        for part in (law.active, law.reactive)
-    ]
+    try:
+        terms = [
+            [(float(t.coefficient), float(t.base_volt), float(t.exponent)) for t in part]
+            for part in (law.active, law.reactive)
+        ]
+    except OverflowError:
+        return
     low = band[0] or v / 2
     for k in (1, 2, 4, 6, 8):
         step = (band[1] - band[0]) / 2**k
@@ -194,7 +206,7 @@ def _plain_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, 
             (P_a, Q_a), (P_b, Q_b) = ([sum(c * (u / s) ** e for c, s, e in part) for part in terms] for u in (x, y))
             conductance, susceptance = P_a / x**2 + P_b / y**2, Q_b / y**2 - Q_a / x**2
             half_angle = math.atan2(susceptance, conductance) / 2
-            if abs(half_angle) > 1.5:
+            if not abs(half_angle) <= 1.5:
                 continue
             t = round_to_digits(Fraction(math.tan(half_angle)), 3)
             angle = 2 * math.atan(float(t))
