@@ -8,6 +8,7 @@ and returns whether both are shown to be positive; it raises `RuleFailure` if it
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from math import gcd, lcm
@@ -257,29 +258,39 @@ def _sign_on_cell(cell: Jet, low: Jet, high: Jet) -> bool | None:
     return None
 
 
-def cell_sign(low: tuple[Parts, Parts], high: tuple[Parts, Parts]) -> bool | None:
-    """For G and D together, on the cell between two voltages at which the admittances of the terms are given."""
+@dataclass(frozen=True)
+class Enclosed:
+    """A law at one voltage: the admittances of its terms, and the jets of G and D."""
+
+    active: Parts
+    reactive: Parts
+    jets: tuple[Jet, Jet]
+
+
+def enclose(law: LoadLaw, v: Fraction, bits: int) -> Enclosed:
+    active, reactive = (admittances(terms, v, bits) for terms in (law.active, law.reactive))
+    return Enclosed(active, reactive, jets(active, reactive))
+
+
+def cell_sign(low: Enclosed, high: Enclosed) -> bool | None:
+    """For G and D together, on the cell between two voltages."""
 
     def hull(a: Parts, b: Parts) -> Parts:
         # each power is monotone in v, so its values at the ends enclose it
         return [(e, (min(x[0], y[0]), max(x[1], y[1]))) for (e, x), (_, y) in zip(a, b, strict=True)]
 
-    ends = [jets(*parts) for parts in (low, high)]
-    cell = jets(hull(low[0], high[0]), hull(low[1], high[1]))
-    signs = [_sign_on_cell(cell[k], ends[0][k], ends[1][k]) for k in range(2)]
+    cell = jets(hull(low.active, high.active), hull(low.reactive, high.reactive))
+    signs = [_sign_on_cell(*parts) for parts in zip(cell, low.jets, high.jets, strict=True)]
     return None if None in signs else all(signs)
 
 
 def monotone_enclosure(law: LoadLaw, cells: Sequence[Fraction], bits: int) -> bool:
     """Rule `monotone-enclosure`: G and D on every cell between consecutive voltages, by enclosures rounded outwards."""
-    strict, before = True, None
-    for v in cells:
-        here = (admittances(law.active, v, bits), admittances(law.reactive, v, bits))
-        if before is not None:
-            sign = cell_sign(before, here)
-            require(sign is not None, f"G or D may be negative on the cell that ends at {v} V")
-            strict = strict and bool(sign)
-        before = here
+    strict = True
+    for low, high in pairwise(enclose(law, v, bits) for v in cells):
+        sign = cell_sign(low, high)
+        require(sign is not None, "G or D may be negative on a cell")
+        strict = strict and bool(sign)
     return strict
 
 
@@ -324,7 +335,8 @@ def lipschitz_bound(pieces: Iterable[tuple[Pair, LoadLaw]]) -> Fraction:
     for band, law in pieces:
         value = slope = Fraction(0)
         for t in (*law.active, *law.reactive):
-            top = max(power_enclosure(v / t.base_volt, t.exponent - 2, PRECISIONS[0])[1] for v in band)
+            worse = band[t.exponent > 2]
+            top = power_enclosure(worse / t.base_volt, t.exponent - 2, PRECISIONS[0])[1]
             size = (abs(t.coefficient) + t.spread + t.blur) / t.base_volt**2 * top
             value, slope = value + size, slope + abs(t.exponent - 2) * size
         values.append(value)

@@ -1,6 +1,6 @@
 """All that is told of one load: whether it is monotone on its band, how strongly, and from which voltage on.
 
-The result is an entry of a certificate, of which the kernel has accepted every part.
+The result is an entry of a certificate; only the kernel accepts it.
 """
 
 from __future__ import annotations
@@ -28,18 +28,23 @@ FLOOR = 1e-6  # of the top of the band, as far down as floats look
 UNKNOWN: Entry = {"status": "unknown", "rule": None, "data": None, "critical": None}
 
 
-def analyse(pieces: Pieces, method: str | None = None) -> tuple[Entry, LoadVerdict]:
-    """The first proposals that the kernel accepts: about the band, and for the critical voltage."""
+def find_entries(pieces: Pieces, method: str | None = None) -> Iterator[Entry]:
+    """Entries about a load, for the kernel to check: the first to come to mind, then one of parts that it accepts."""
     proposals = (
         {"status": p.status, "rule": p.rule, "data": p.data} for p in propose_load(pieces, method != "sampled", method)
     )
     criticals = ({"critical": critical} for critical in _criticals(pieces))
     first = (next(proposals, {}), next(criticals, {}))
-    with suppress(RuleFailure):  # mostly the first of each will do, and is checked once
-        entry = UNKNOWN | first[0] | first[1]
-        return entry, check_load(pieces, entry)
-    entry = UNKNOWN | _accepted(pieces, chain(first[:1], proposals)) | _accepted(pieces, chain(first[1:], criticals))
-    return entry, check_load(pieces, entry)
+    yield UNKNOWN | first[0] | first[1]
+    yield UNKNOWN | _accepted(pieces, chain(first[:1], proposals)) | _accepted(pieces, chain(first[1:], criticals))
+
+
+def analyse(pieces: Pieces, method: str | None = None) -> LoadVerdict:
+    """What is shown of a load by the first entry that the kernel accepts."""
+    for entry in find_entries(pieces, method):
+        with suppress(RuleFailure):
+            return check_load(pieces, entry)
+    return check_load(pieces, UNKNOWN)
 
 
 def _accepted(pieces: Pieces, options: Iterable[Entry]) -> Entry:
