@@ -200,10 +200,11 @@ def admittances(terms: Iterable[PowerTerm], v: Fraction, bits: int) -> Parts:
 
 def total(parts: Parts, factors: Sequence[Fraction | int] = ()) -> Interval:
     """The sum of the parts, each times its factor."""
-    low = high = Fraction(0)
-    for (_, (a, b)), f in zip(parts, factors or [1] * len(parts), strict=True):
-        low, high = (low + f * a, high + f * b) if f >= 0 else (low + f * b, high + f * a)
-    return low, high
+    if not factors:
+        return interval_sum(x for _, x in parts)
+    return interval_sum(
+        (f * a, f * b) if f >= 0 else (f * b, f * a) for (_, (a, b)), f in zip(parts, factors, strict=True)
+    )
 
 
 def jets(active: Parts, reactive: Parts, orders: int = 3) -> tuple[Jet, Jet]:
@@ -318,8 +319,8 @@ def voltage_pair(law: LoadLaw, band: Pair, v: Fraction, pair: Pair, t: Fraction)
     factors = ((a - b * cosine) * a, (b - a * cosine) * b, a * b * sine, -a * b * sine)
     require(is_violated_at(law, v), "neither G nor D is negative at the voltage named")
     for bits in PRECISIONS:
-        values = [total(admittances(terms, x, bits)) for terms in (law.active, law.reactive) for x in pair]
-        product = interval_sum(interval_product((f, f), x) for f, x in zip(factors, values, strict=True))
+        sides = [(x, total(admittances(terms, x, bits))) for terms in (law.active, law.reactive) for x in pair]
+        product = total(sides, factors)
         if product[1] < 0 or product[0] >= 0:
             break
     require(product[1] < 0, "the product of the two voltages is not negative")
@@ -335,10 +336,10 @@ def lipschitz_bound(pieces: Iterable[tuple[Pair, LoadLaw]]) -> Fraction:
     for band, law in pieces:
         value = slope = Fraction(0)
         for t in (*law.active, *law.reactive):
-            worse = band[t.exponent > 2]
-            top = power_enclosure(worse / t.base_volt, t.exponent - 2, PRECISIONS[0])[1]
+            e = t.exponent - 2
+            top = power_enclosure(band[e > 0] / t.base_volt, e, PRECISIONS[0])[1]
             size = (abs(t.coefficient) + t.spread + t.blur) / t.base_volt**2 * top
-            value, slope = value + size, slope + abs(t.exponent - 2) * size
+            value, slope = value + size, slope + abs(e) * size
         values.append(value)
         slopes.append(slope)
     return max(values) + max(slopes)
