@@ -8,7 +8,6 @@ and returns whether both are shown to be positive; it raises `RuleFailure` if it
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from math import gcd, lcm
@@ -181,6 +180,7 @@ def _sum_of_squares(p: Polynomial, first: Matrix, second: Matrix) -> bool:
 
 Jet = Sequence[Interval]  # a value and its first derivatives with respect to ln v
 Parts = list[tuple[Fraction, Interval]]
+Enclosed = tuple[Parts, Parts, tuple[Jet, Jet]]  # a law at one voltage: its admittances, and the jets of G and D
 
 
 def admittances(terms: Iterable[PowerTerm], v: Fraction, bits: int) -> Parts:
@@ -259,18 +259,9 @@ def _sign_on_cell(cell: Jet, low: Jet, high: Jet) -> bool | None:
     return None
 
 
-@dataclass(frozen=True)
-class Enclosed:
-    """A law at one voltage: the admittances of its terms, and the jets of G and D."""
-
-    active: Parts
-    reactive: Parts
-    jets: tuple[Jet, Jet]
-
-
 def enclose(law: LoadLaw, v: Fraction, bits: int) -> Enclosed:
-    active, reactive = (admittances(terms, v, bits) for terms in (law.active, law.reactive))
-    return Enclosed(active, reactive, jets(active, reactive))
+    active, reactive = admittances(law.active, v, bits), admittances(law.reactive, v, bits)
+    return active, reactive, jets(active, reactive)
 
 
 def cell_sign(low: Enclosed, high: Enclosed) -> bool | None:
@@ -280,8 +271,8 @@ def cell_sign(low: Enclosed, high: Enclosed) -> bool | None:
         # each power is monotone in v, so its values at the ends enclose it
         return [(e, (min(x[0], y[0]), max(x[1], y[1]))) for (e, x), (_, y) in zip(a, b, strict=True)]
 
-    cell = jets(hull(low.active, high.active), hull(low.reactive, high.reactive))
-    signs = [_sign_on_cell(*parts) for parts in zip(cell, low.jets, high.jets, strict=True)]
+    cell = jets(hull(low[0], high[0]), hull(low[1], high[1]))
+    signs = [_sign_on_cell(*parts) for parts in zip(cell, low[2], high[2], strict=True)]
     return None if None in signs else all(signs)
 
 

@@ -183,7 +183,7 @@ def _bisect(law: LoadLaw, work: list[Pair], bits: int) -> list[Fraction] | None:
         if not low < middle < high or len(points) + len(work) > MAX_CELLS:
             return None
         known[middle] = loads.enclose(law, middle, bits)
-        if any(x[0][1] < 0 for x in known[middle].jets):
+        if any(x[0][1] < 0 for x in known[middle][2]):
             return None
         work += [(middle, high), (low, middle)]
     return points
