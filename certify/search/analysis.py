@@ -116,7 +116,28 @@ def _float_critical(law: LoadLaw, top: float) -> float:
                 good, bad = (good, middle) if fails(middle) else (middle, bad)
             return good
         good = bad
-    return 0.0
+    return _exponential_critical(law, good)
+
+
+def _exponential_critical(law: LoadLaw, below: float) -> float:
+    """Where 4 (np - 1) P^2 = (nq - 2)^2 Q^2, if the load is one exponential law and that is below a voltage; else 0.
+
+    Nearly equal exponents put it many decades below the band.
+    """
+    if len(law.active) != 1 or len(law.reactive) != 1:
+        return 0.0
+    (P,), (Q,) = law.active, law.reactive
+    ratio = (Q.exponent - 2) * Q.coefficient / P.coefficient
+    if P.exponent <= 1 or P.exponent <= Q.exponent or not ratio:
+        return 0.0
+    logarithm = _log(ratio) - _log(4 * (P.exponent - 1)) / 2 + float(Q.exponent) * _log(P.base_volt / Q.base_volt)
+    logarithm = _log(P.base_volt) + logarithm / float(P.exponent - Q.exponent)
+    return math.exp(logarithm) if -600 < logarithm < math.log(below) else 0.0
+
+
+def _log(x: Fraction) -> float:
+    """ln |x|, also of what no float holds."""
+    return math.log(abs(x.numerator)) - math.log(x.denominator)
 
 
 def _exact(corners: list[LoadLaw], top: Fraction) -> Iterator[Any]:
