@@ -19,18 +19,18 @@ from itertools import islice
 from typing import Any
 
 from certify import __version__
-from certify.kernel.check_loads import FORMAT, LoadVerdict, RowVerdict, check_row
+from certify.kernel.check_loads import FORMAT, LoadVerdict, RowVerdict, check_row, read_row
 from certify.kernel.claims import Context
 from certify.kernel.data import Data
-from certify.kernel.errors import Fault, RuleFailure, SpecError
+from certify.kernel.errors import Fault, Rejected, RuleFailure
 from certify.kernel.load_proofs import lipschitz
 from certify.kernel.loads import lipschitz_bound
 from certify.kernel.model import LoadLaw, Pieces
 from certify.kernel.proofs import RULES
 from certify.kernel.quantity import parse_quantity
 from certify.kernel.spec import Microgrid
-from certify.kernel.table import Cells, LoadTable, decode_row, parse_band
-from certify.search.analysis import analyse
+from certify.kernel.table import Cells, LoadTable, parse_band
+from certify.search.analysis import analyse, find_entries
 from certify.search.loads import propose_disk
 from certify.search.voltages import float_law, smallest_eigenvalue
 
@@ -171,22 +171,21 @@ def _decide_chunk(
 def _decide_row(
     number: int, cells: Cells | Fault, units: dict[str, str], band: Band, method: str | None, only_read: bool
 ) -> Decided:
-    entry: dict[str, Any] = {"status": "bad input"}
     name = cells.get("name", "") if isinstance(cells, dict) else ""
     name = str(name)[:200] if isinstance(name, str) and name.isprintable() else ""
-    try:
-        if isinstance(cells, Fault):
-            raise SpecError((cells,))
-        row = decode_row(number, cells, units, band)
-        if only_read:
-            return Decided(Result(number, name, "not decided"), "")
-        entry, _ = analyse(row.pieces, method)
-    except SpecError as error:
-        if only_read:
-            return Decided(Result(number, name, "bad input", faults=error.faults), "")
-    line = _json({"row": number, **entry})
-    checked = check_row(number, cells, units, band, json.loads(line))
-    return Decided(_row_result(checked, name), line)
+    row = read_row(number, cells, units, band)
+    if only_read:
+        faults = row if isinstance(row, tuple) else ()
+        return Decided(Result(number, name, "bad input" if faults else "not decided", faults=faults), "")
+    entries = iter([{"status": "bad input"}]) if isinstance(row, tuple) else find_entries(row.pieces, method)
+    rejections = []
+    for entry in entries:  # the first will mostly do; the last is made of parts that the kernel has accepted
+        line = _json({"row": number, **entry})
+        try:
+            return Decided(_row_result(check_row(number, row, json.loads(line)), name), line)
+        except Rejected as rejection:
+            rejections.append(rejection)
+    raise rejections[-1]
 
 
 def _row_result(checked: RowVerdict, name: str) -> Result:
@@ -255,8 +254,7 @@ def decide_spec(grid: Microgrid, method: str | None = None, base: str | None = N
             yield _disk_result(number, node.name, context, method, volts)
         else:
             pieces = context.pieces(node.name)
-            _, verdict = analyse(pieces, method)
-            yield to_result(number, node.name, pieces, verdict, volts)
+            yield to_result(number, node.name, pieces, analyse(pieces, method), volts)
 
 
 def _disk_result(number: int, node: str, context: Context, method: str | None, base: Fraction | None) -> Result:

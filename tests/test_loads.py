@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from certify.kernel.claims import Context
 from certify.kernel.model import LoadLaw, PowerTerm, load_law
 from certify.kernel.spec import ExpLoad, ZipLoad, decode
+from certify.search.analysis import analyse
 from certify.search.loads import propose_load
 from certify.search.proposal import Proposal
 from certify.search.roots import square_root
@@ -182,3 +183,14 @@ def test_whole_exponents_join_the_polynomial() -> None:
     """An exponential load with np = 2 is a constant impedance, whatever its V0."""
     load = ExpLoad(Fraction(8), Fraction(2), Fraction(0), Fraction(0), Fraction(2))
     assert node(load).active == (PowerTerm(Fraction(2), Fraction(1), Fraction(2)),)
+
+
+def test_critical_voltage_far_below_the_band() -> None:
+    """np - nq = 1/50: 4 (np - 1) v^(2 np) = (nq - 2)^2 Q0^2 v^(2 nq) at v = c^25, 65 decades below V0."""
+    load = ExpLoad(Fraction(1), Fraction("1.4"), Fraction("0.1"), Fraction("1.38"), Fraction(1))
+    verdict = analyse((((Fraction("0.9"), Fraction("1.1")), node(load)),))
+    exact = ((2 - load.nq) ** 2 * load.Q0_var**2 / (4 * (load.np - 1))) ** 25
+    assert verdict.status == "proved"
+    assert verdict.critical
+    low, high = verdict.critical
+    assert 0 < low <= exact <= high < Fraction(1, 10**60)

@@ -103,22 +103,28 @@ def _require_violation(pieces: Pieces, v: Fraction) -> None:
     require(shown, "the load is not shown to fail below its critical voltage")
 
 
-def check_row(
-    number: int, cells: Cells | Fault, units: dict[str, str], band: tuple[str, str], line: object
-) -> RowVerdict:
+def read_row(
+    number: int, cells: Cells | Fault, units: dict[str, str], band: tuple[str, str]
+) -> Row | tuple[Fault, ...]:
+    """The load of a row, or every fault that keeps it from being one."""
+    if isinstance(cells, Fault):
+        return (cells,)
+    try:
+        return decode_row(number, cells, units, band)
+    except SpecError as error:
+        return error.faults
+
+
+def check_row(number: int, row: Row | tuple[Fault, ...], line: object) -> RowVerdict:
     """One row with its line of the certificate. Raises: Rejected."""
     where = f"row {number}"
     if not isinstance(line, dict) or line.get("row") != number:
         raise Rejected("K105", where, "the certificate has no line about this row here")
     entry = {key: value for key, value in line.items() if key != "row"}
-    try:
-        if isinstance(cells, Fault):
-            raise SpecError((cells,))
-        row = decode_row(number, cells, units, band)
-    except SpecError as error:
+    if isinstance(row, tuple):
         if entry != {"status": "bad input"}:
-            raise Rejected("K105", where, "the row is not a load") from None
-        return RowVerdict(number, None, None, error.faults)
+            raise Rejected("K105", where, "the row is not a load")
+        return RowVerdict(number, None, None, row)
     try:
         return RowVerdict(number, row, check_load(row.pieces, entry))
     except RuleFailure as failure:
@@ -144,7 +150,8 @@ def check_table(table: bytes, certificate: bytes) -> Iterator[RowVerdict]:
     ends = parse_band((band[0], band[1]))
     rows, counts = LoadTable(table), Counter[str]()
     for number, cells in rows:
-        result = check_row(number, cells, rows.units, ends, _parse(next(lines, b""), f"row {number}"))
+        line = _parse(next(lines, b""), f"row {number}")
+        result = check_row(number, read_row(number, cells, rows.units, ends), line)
         counts[result.verdict.status if result.verdict else "bad input"] += 1
         yield result
     if _parse(next(lines, b""), "last line", {"total"})["total"] != dict(counts) or next(lines, None) is not None:

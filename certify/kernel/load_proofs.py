@@ -175,15 +175,15 @@ def check_pair(pieces: Pieces, data: Data) -> tuple[Fact, ...]:
     require(all(sign == "0" or x.spread for sign, x in zip(signs, terms, strict=True)), "no tolerance there")
     at_corner = law_at(law, signs, outer=False)
     product = loads.voltage_pair(at_corner, band, volts[0], (volts[1], volts[2]), t.scalar())
-    quantities = [
+    quantities = (
         (f"{part} / (v / {to_text(x.base_volt)} V)^{to_text(x.exponent)}", x.coefficient, unit)
         for part, unit, side in (("P", "W", at_corner.active), ("Q", "var", at_corner.reactive))
         for x in side
-    ]
+    )
     facts = [("linearisation not passive at", volts[0], "V"), *(("voltage of the pair", e, "V") for e in volts[1:])]
     facts.append(("tangent of half the angle between them", t.scalar(), ""))
     facts.append(("violating product, at most", product[1], "W"))
-    return (*corner_facts(signs, quantities), *facts)
+    return (*(corner_facts(signs, quantities) if signs.strip("0") else ()), *facts)
 
 
 def disk(context: Context, name: str, data: Data) -> tuple[Fact, ...]:

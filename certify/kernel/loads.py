@@ -189,6 +189,7 @@ def _sum_of_squares(p: Polynomial, first: Matrix, second: Matrix) -> bool:
 
 Jet = Sequence[Interval]  # a value and its first derivatives with respect to ln v
 Parts = list[tuple[Fraction, Interval]]
+Enclosed = tuple[Parts, Parts, tuple[Jet, Jet]]  # a law at one voltage: its admittances, and the jets of G and D
 
 
 def admittances(terms: Iterable[PowerTerm], v: Fraction, bits: int) -> Parts:
@@ -208,10 +209,11 @@ def admittances(terms: Iterable[PowerTerm], v: Fraction, bits: int) -> Parts:
 
 def total(parts: Parts, factors: Sequence[Fraction | int] = ()) -> Interval:
     """The sum of the parts, each times its factor."""
-    low = high = Fraction(0)
-    for (_, (a, b)), f in zip(parts, factors or [1] * len(parts), strict=True):
-        low, high = (low + f * a, high + f * b) if f >= 0 else (low + f * b, high + f * a)
-    return low, high
+    if not factors:
+        return interval_sum(x for _, x in parts)
+    return interval_sum(
+        (f * a, f * b) if f >= 0 else (f * b, f * a) for (_, (a, b)), f in zip(parts, factors, strict=True)
+    )
 
 
 def jets(active: Parts, reactive: Parts, orders: int = 3) -> tuple[Jet, Jet]:
@@ -267,30 +269,31 @@ def _sign_on_cell(cell: Jet, low: Jet, high: Jet) -> bool | None:
     return False if cell[0][0] == 0 else None
 
 
-def cell_sign(low: tuple[Parts, Parts], high: tuple[Parts, Parts]) -> bool | None:
-    """For G and D together, on the cell between two voltages at which the admittances of the terms are given."""
+def enclose(law: LoadLaw, v: Fraction, bits: int) -> Enclosed:
+    active, reactive = admittances(law.active, v, bits), admittances(law.reactive, v, bits)
+    return active, reactive, jets(active, reactive)
+
+
+def cell_sign(low: Enclosed, high: Enclosed) -> bool | None:
+    """For G and D together, on the cell between two voltages."""
 
     def hull(a: Parts, b: Parts) -> Parts:
         # each power is monotone in v, so its values at the ends enclose it
         return [(e, (min(x[0], y[0]), max(x[1], y[1]))) for (e, x), (_, y) in zip(a, b, strict=True)]
 
-    ends = [jets(*parts) for parts in (low, high)]
     cell = jets(hull(low[0], high[0]), hull(low[1], high[1]))
-    signs = [_sign_on_cell(cell[k], ends[0][k], ends[1][k]) for k in range(2)]
+    signs = [_sign_on_cell(*parts) for parts in zip(cell, low[2], high[2], strict=True)]
     return None if None in signs else all(signs)
 
 
 def monotone_enclosure(law: LoadLaw, cells: Sequence[Fraction], bits: int) -> bool:
     """Rule `monotone-enclosure`: G and D on every cell between consecutive voltages, by enclosures rounded outwards."""
-    strict, before = True, None
     require(cells[0] > 0, "a power may have no bound at zero")
-    for v in cells:
-        here = (admittances(law.active, v, bits), admittances(law.reactive, v, bits))
-        if before is not None:
-            sign = cell_sign(before, here)
-            require(sign is not None, f"G or D may be negative on the cell that ends at {v} V")
-            strict = strict and bool(sign)
-        before = here
+    strict = True
+    for low, high in pairwise(enclose(law, v, bits) for v in cells):
+        sign = cell_sign(low, high)
+        require(sign is not None, "G or D may be negative on a cell")
+        strict = strict and bool(sign)
     return strict
 
 
@@ -317,8 +320,8 @@ def voltage_pair(law: LoadLaw, band: Pair, v: Fraction, pair: Pair, t: Fraction)
     factors = ((a - b * cosine) * a, (b - a * cosine) * b, a * b * sine, -a * b * sine)
     require(is_violated_at(law, v), "neither G nor D is negative at the voltage named")
     for bits in PRECISIONS:
-        values = [total(admittances(terms, x, bits)) for terms in (law.active, law.reactive) for x in pair]
-        product = interval_sum(interval_product((f, f), x) for f, x in zip(factors, values, strict=True))
+        sides = [(x, total(admittances(terms, x, bits))) for terms in (law.active, law.reactive) for x in pair]
+        product = total(sides, factors)
         if product[1] < 0 or product[0] >= 0:
             break
     require(product[1] < 0, "the product of the two voltages is not negative")
@@ -334,9 +337,10 @@ def lipschitz_bound(pieces: Iterable[tuple[Pair, LoadLaw]]) -> Fraction:
     for band, law in pieces:
         value = slope = Fraction(0)
         for t in (*law.active, *law.reactive):
-            top = max(power_enclosure(v / t.base_volt, t.exponent - 2, PRECISIONS[0])[1] for v in band)
+            e = t.exponent - 2
+            top = power_enclosure(band[e > 0] / t.base_volt, e, PRECISIONS[0])[1]
             size = (abs(t.coefficient) + t.spread + t.blur) / t.base_volt**2 * top
-            value, slope = value + size, slope + abs(t.exponent - 2) * size
+            value, slope = value + size, slope + abs(e) * size
         values.append(value)
         slopes.append(slope)
     return max(values) + max(slopes)

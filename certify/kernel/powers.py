@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from fractions import Fraction
+from functools import lru_cache
 
 Interval = tuple[Fraction, Fraction]
 
@@ -64,6 +65,7 @@ def _artanh(y: Fraction, bits: int) -> Interval:
     return Fraction(low, 1 << bits), Fraction(high + 2, 1 << bits)  # the rest is below 1 + 1/9 + 1/81 + ... units
 
 
+@lru_cache(256)  # the powers of one load share their voltages
 def log_enclosure(x: Fraction, bits: int) -> Interval:
     """Enclosure of ln(x), x > 0: ln x = 2 artanh((m - 1)/(m + 1)) + shift ln 2 with m in [3/4, 3/2]."""
     if x <= 0:
@@ -74,10 +76,11 @@ def log_enclosure(x: Fraction, bits: int) -> Interval:
         m, shift = m / 2, shift + 1
     elif m < Fraction(3, 4):
         m, shift = m * 2, shift - 1
-    main, two = _artanh((m - 1) / (m + 1), bits), _artanh(Fraction(1, 3), bits)
+    main, two = _artanh((m - 1) / (m + 1), bits), _artanh(Fraction(1, 3), bits) if shift else (Fraction(0),) * 2
     return interval_sum([(2 * main[0], 2 * main[1]), interval_product((Fraction(2 * shift),) * 2, two)])
 
 
+@lru_cache(256)
 def exp_enclosure(t: Fraction, bits: int) -> Interval:
     """Enclosure of exp(t): t is halved until it is at most 1/2, then Taylor, then squared back; 1/exp(-t) for t < 0."""
     if t < 0:

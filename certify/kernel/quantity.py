@@ -56,10 +56,10 @@ def parse_decimal(text: str) -> Fraction:
         raise QuantityError("S202", f"number with {len(text)} characters; at most {MAX_DIGITS} are read")
     if not re.fullmatch(_NUMBER, text, re.ASCII):
         raise QuantityError("S201", f"not a finite decimal number: {shorten(text)}")
-    mantissa, _, exponent = text.lower().replace("_", "").partition("e")
+    _, _, exponent = text.lower().partition("e")
     if exponent and (len(exponent) > 5 or abs(int(exponent)) > MAX_EXPONENT):
         raise QuantityError("S202", f"exponent {shorten(exponent)} is absurd; at most {MAX_EXPONENT} in size")
-    return Fraction(mantissa) * Fraction(10) ** int(exponent or 0)
+    return Fraction(text.replace("_", ""))
 
 
 def unit_factor(unit: str, wanted: str, per_unit: Mapping[str, Fraction]) -> Fraction:

@@ -13,6 +13,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from math import isqrt
 from typing import Any
 
@@ -56,7 +57,7 @@ class Row:
     V0_volt: Fraction
     band_volt: Pair
 
-    @property
+    @cached_property
     def pieces(self) -> Pieces:
         return ((self.band_volt, load_law((self.load,))),)
 

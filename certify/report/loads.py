@@ -9,7 +9,9 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
+from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Context
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,15 @@ MAX_CELLS = 1000  # of a map, in each direction
 MAX_JOBS = 1000
 
 
+@lru_cache
+def _contexts(up: bool, digits: int) -> tuple[Context, Context]:
+    """Of the result, and of the division before it is rounded."""
+    rounding = ROUND_CEILING if up else ROUND_HALF_EVEN
+    precisions = (digits, max(60, digits))
+    first, second = (Context(prec=p, rounding=rounding, Emax=999_999, Emin=-999_999) for p in precisions)
+    return first, second
+
+
 def decimal(x: Fraction | None, up: bool = False, digits: int = DIGITS) -> str:
     """So many significant digits, rounded to the nearest, or up.
 
@@ -44,10 +55,7 @@ def decimal(x: Fraction | None, up: bool = False, digits: int = DIGITS) -> str:
     """
     if x is None:
         return ""
-    from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Context
-
-    context = Context(prec=digits, rounding=ROUND_CEILING if up else ROUND_HALF_EVEN, Emax=999_999, Emin=-999_999)
-    exact = Context(prec=max(60, digits), Emax=999_999, Emin=-999_999, rounding=context.rounding)
+    context, exact = _contexts(up, digits)
     value = context.plus(exact.divide(*(exact.create_decimal(n) for n in x.as_integer_ratio())))
     text = f"{value:f}" if -7 < value.adjusted() < 15 else str(value)
     return text.rstrip("0").rstrip(".") if "." in text and "E" not in text else text
@@ -144,7 +152,7 @@ class Summary:
         self.open: list[Result] = []
         self.faults: list[Fault] = []
         self.fault_count = 0
-        self.from_voltage: Counter[Fraction] = Counter()
+        self.from_voltage: Counter[int] = Counter()  # by the position of a share
         self.with_base = self.anywhere = self.never = 0
         self.keep = keep
         self.results: list[Result] = []
@@ -159,8 +167,9 @@ class Summary:
         if result.base is not None and result.critical is not None:
             self.with_base += 1
             self.never += result.critical == ()
-            for share in SHARES:
-                self.from_voltage[share] += bool(result.critical) and result.critical[1] <= share * result.base
+            if result.critical:
+                per_unit = result.critical[1] / result.base
+                self.from_voltage.update(k for k, share in enumerate(SHARES) if per_unit <= share)
         if self.keep:
             self.results.append(result)
 
@@ -298,7 +307,8 @@ def render(name: str, summary: Summary, band: Sequence[str] | None, files: list[
             rows.append((paint(verdict, colour, f"{verdict:11}"), f"{count:,}", words.get(verdict, "not read"), rules))
     lines.append(table(rows))
     if summary.with_base > 1:
-        shares = [f"{summary.from_voltage[s]:,} from {approximate(s)} pu" for s in SHARES if summary.from_voltage[s]]
+        counts = [(summary.from_voltage[k], share) for k, share in enumerate(SHARES)]
+        shares = [f"{count:,} from {approximate(share)} pu" for count, share in counts if count]
         never = f"{summary.never:,} not even at the top of the band"
         lines += ["", f"monotone up to the top of the band: {', '.join([*shares, never])}"]
     if summary.open:

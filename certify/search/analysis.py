@@ -1,6 +1,6 @@
 """All that is told of one load: whether it is monotone on its band, how strongly, and from which voltage on.
 
-The result is an entry of a certificate, of which the kernel has accepted every part.
+The result is an entry of a certificate; only the kernel accepts it.
 """
 
 from __future__ import annotations
@@ -28,18 +28,23 @@ FLOOR = 1e-6  # of the top of the band, as far down as floats look
 UNKNOWN: Entry = {"status": "unknown", "rule": None, "data": None, "critical": None}
 
 
-def analyse(pieces: Pieces, method: str | None = None) -> tuple[Entry, LoadVerdict]:
-    """The first proposals that the kernel accepts: about the band, and for the critical voltage."""
+def find_entries(pieces: Pieces, method: str | None = None) -> Iterator[Entry]:
+    """Entries about a load, for the kernel to check: the first to come to mind, then one of parts that it accepts."""
     proposals = (
         {"status": p.status, "rule": p.rule, "data": p.data} for p in propose_load(pieces, method != "sampled", method)
     )
     criticals = ({"critical": critical} for critical in _criticals(pieces))
     first = (next(proposals, {}), next(criticals, {}))
-    with suppress(RuleFailure):  # mostly the first of each will do, and is checked once
-        entry = UNKNOWN | first[0] | first[1]
-        return entry, check_load(pieces, entry)
-    entry = UNKNOWN | _accepted(pieces, chain(first[:1], proposals)) | _accepted(pieces, chain(first[1:], criticals))
-    return entry, check_load(pieces, entry)
+    yield UNKNOWN | first[0] | first[1]
+    yield UNKNOWN | _accepted(pieces, chain(first[:1], proposals)) | _accepted(pieces, chain(first[1:], criticals))
+
+
+def analyse(pieces: Pieces, method: str | None = None) -> LoadVerdict:
+    """What is shown of a load by the first entry that the kernel accepts."""
+    for entry in find_entries(pieces, method):
+        with suppress(RuleFailure):
+            return check_load(pieces, entry)
+    return check_load(pieces, UNKNOWN)
 
 
 def _accepted(pieces: Pieces, options: Iterable[Entry]) -> Entry:
@@ -111,7 +116,28 @@ def _float_critical(law: LoadLaw, top: float) -> float:
                 good, bad = (good, middle) if fails(middle) else (middle, bad)
             return good
         good = bad
-    return 0.0
+    return _exponential_critical(law, good)
+
+
+def _exponential_critical(law: LoadLaw, below: float) -> float:
+    """Where 4 (np - 1) P^2 = (nq - 2)^2 Q^2, if the load is one exponential law and that is below a voltage; else 0.
+
+    Nearly equal exponents put it many decades below the band.
+    """
+    if len(law.active) != 1 or len(law.reactive) != 1:
+        return 0.0
+    (P,), (Q,) = law.active, law.reactive
+    ratio = (Q.exponent - 2) * Q.coefficient / P.coefficient
+    if P.exponent <= 1 or P.exponent <= Q.exponent or not ratio:
+        return 0.0
+    logarithm = _log(ratio) - _log(4 * (P.exponent - 1)) / 2 + float(Q.exponent) * _log(P.base_volt / Q.base_volt)
+    logarithm = _log(P.base_volt) + logarithm / float(P.exponent - Q.exponent)
+    return math.exp(logarithm) if -600 < logarithm < math.log(below) else 0.0
+
+
+def _log(x: Fraction) -> float:
+    """ln |x|, also of what no float holds."""
+    return math.log(abs(x.numerator)) - math.log(x.denominator)
 
 
 def _exact(corners: list[LoadLaw], top: Fraction) -> Iterator[Any]:
