@@ -13,7 +13,7 @@ import os
 import platform
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import islice
 from typing import Any
@@ -28,7 +28,7 @@ from certify.kernel.loads import lipschitz_bound
 from certify.kernel.model import LoadLaw, Pieces
 from certify.kernel.proofs import RULES
 from certify.kernel.quantity import parse_quantity
-from certify.kernel.spec import Microgrid
+from certify.kernel.spec import ExpLoad, Microgrid, ZipLoad
 from certify.kernel.table import Cells, LoadTable, parse_band
 from certify.search.analysis import analyse, find_entries
 from certify.search.loads import propose_disk
@@ -66,6 +66,7 @@ class Result:
     product: Fraction | None = None
     faults: tuple[Fault, ...] = ()
     law: LoadLaw | None = None
+    load: ZipLoad | ExpLoad | None = None
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,8 @@ def _row_result(checked: RowVerdict, name: str) -> Result:
     row, verdict = checked.row, checked.verdict
     if row is None or verdict is None:
         return Result(checked.number, name, "bad input", faults=checked.faults)
-    return to_result(checked.number, row.name, row.pieces, verdict, row.V0_volt)
+    result = to_result(checked.number, row.name, row.pieces, verdict, row.V0_volt)
+    return replace(result, load=row.load)
 
 
 def to_result(number: int, name: str, pieces: Pieces, verdict: LoadVerdict, base: Fraction | None) -> Result:

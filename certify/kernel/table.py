@@ -171,6 +171,8 @@ def parse_band(texts: tuple[str, str]) -> tuple[str, str]:
         else:
             if value <= 0:
                 faults.append(Fault("S208", "--band", f"must be positive, got {shorten(text)}"))
+            elif not text.rstrip().endswith(("V", "pu")):  # 0.9 is no voltage that anyone means
+                faults.append(Fault("S203", "--band", f"{shorten(text)} has no unit: write 0.9pu or 207V"))
     if not faults and sizes[0][1] == sizes[1][1] and sizes[0] >= sizes[1]:  # both in pu, or both in volt
         faults.append(Fault("S307", "--band", f"{shorten(texts[0])} is not below {shorten(texts[1])}"))
     if faults:

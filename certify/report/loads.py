@@ -7,7 +7,7 @@ import io
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Context
 from fractions import Fraction
@@ -19,6 +19,7 @@ from certify.certificate import open_atomically
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import QuantityError, parse_decimal, shorten
 from certify.kernel.reader import Pair
+from certify.kernel.spec import ExpLoad, ZipLoad
 from certify.kernel.table import LoadTable, parse_band
 from certify.load_tables import Result, decide_spec, decide_table, footer, header
 from certify.report.text import approximate, paint, render_faults, table
@@ -184,7 +185,7 @@ def run(options: Any, progress: Any, exit_codes: dict[str, int], worst_first: It
     from certify.kernel.table import MAX_TABLE_BYTES
 
     data = read(options.table, MAX_TABLE_BYTES)
-    is_spec = data[:4096].lstrip()[:1] == b"{" or (options.table.endswith(".toml"))
+    is_spec = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"{" or (options.table.endswith(".toml"))
     _check_outputs(options, is_spec)
     summary = Summary(keep=options.json or options.plot is not None)
     with ExitStack() as stack:
@@ -356,12 +357,23 @@ def _plot(options: Any, summary: Summary) -> list[str]:
         laws = [(r.name or f"row {r.number}", r.law, r.base) for r in known if r.law is not None and r.base is not None]
         statuses = [r.verdict if r.verdict in ("proved", "refuted") else "unknown" for r in known]
         figures["margins"] = margin_figure(laws, band, statuses)
-    figures["exponents"] = exponent_map(
-        factors, band, lambda np, nq, square: _word(exponents_hold(np, nq, square, band)), cells=options.cells
-    )
-    figures["fractions"] = fraction_map(
-        factors, band, lambda Zp, Pp, square: _word(fractions_hold(Zp, Pp, square, band)), cells=options.cells
-    )
+    kinds = {type(r.load) for r in known} or {ExpLoad, ZipLoad}
+    if ExpLoad in kinds or kinds == {type(None)}:
+        figures["exponents"] = exponent_map(
+            factors,
+            band,
+            lambda np, nq, square: _word(exponents_hold(np, nq, square, band)),
+            [point for r in known if isinstance(r.load, ExpLoad) for point in _point(r)],
+            cells=options.cells,
+        )
+    if ZipLoad in kinds or kinds == {type(None)}:
+        figures["fractions"] = fraction_map(
+            factors,
+            band,
+            lambda Zp, Pp, square: _word(fractions_hold(Zp, Pp, square, band)),
+            [point for r in known if isinstance(r.load, ZipLoad) for point in _point(r)],
+            cells=options.cells,
+        )
     written = []
     try:
         folder.mkdir(exist_ok=True)
@@ -373,6 +385,20 @@ def _plot(options: Any, summary: Summary) -> list[str]:
     except OSError as error:
         raise SpecError((Fault("U001", "--plot", f"cannot write to {folder}: {error.strerror}"),)) from None
     return written
+
+
+def _point(result: Result) -> Iterator[tuple[Fraction, Fraction, Fraction]]:
+    """Where a load stands on the map of its kind, and its power factor; none if it draws no active power at V0."""
+    load, base = result.load, result.base
+    if load is None or base is None:
+        return
+    if isinstance(load, ExpLoad):
+        P, Q, place = load.P0_watt, load.Q0_var, (load.np, load.nq)
+    else:
+        P, Q = (load.Y[k] * base**2 + load.I[k] * base + load.P[k] for k in (0, 1))
+        place = (load.Y[0] * base**2 / P, load.P[0] / P) if P else (P, P)
+    if P > 0:
+        yield (*place, Fraction(math.cos(math.atan2(Q, P))))
 
 
 def _per_unit(band: Sequence[str]) -> Pair:

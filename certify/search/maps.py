@@ -38,4 +38,12 @@ def fractions_hold(Zp: Fraction, Pp: Fraction, square: Fraction, band: Pair) -> 
     v_slope = poly.multiply(to_polynomial([0, 1]), poly.derivative(P))
     radial, cross = (poly.add(v_slope, poly.scale(-k, P)) for k in (1, 2))
     D = poly.add(poly.multiply(P, radial), poly.scale(-square / 4, poly.multiply(cross, cross)))
-    return poly.is_nonnegative_on(P, *band) and poly.is_nonnegative_on(D, *band)
+    return all(_is_nonnegative(p, band) for p in (P, D))
+
+
+def _is_nonnegative(p: poly.Polynomial, band: Pair) -> bool:
+    """By Bernstein coefficients where they tell, which is quick; else by Sturm sequences."""
+    signs = poly.bernstein_signs(tuple(int(c) for c in poly.primitive(p)), *band)
+    if min(signs, default=0) >= 0:
+        return True
+    return min(signs[0], signs[-1]) >= 0 and poly.is_nonnegative_on(p, *band)
