@@ -262,10 +262,10 @@ def _check_table(options: argparse.Namespace) -> int:
 
     counts: Counter[str] = Counter()
     try:
-        table = read(options.spec, MAX_TABLE_BYTES)
+        table, certificate = read(options.spec, MAX_TABLE_BYTES), read(options.certificate, 4 * MAX_TABLE_BYTES)
         with _progress(f"checking {options.certificate}") as progress:
             total = max(table.count(b"\n"), 1)
-            for row in check_table(table, read(options.certificate, 4 * MAX_TABLE_BYTES)):
+            for row in check_table(table, certificate):
                 counts[row.verdict.status if row.verdict else "bad input"] += 1
                 if progress:
                     progress(min(sum(counts.values()), total), total)
@@ -275,11 +275,13 @@ def _check_table(options: argparse.Namespace) -> int:
         return _rejected(options, rejection)
     found = {EXIT_CODES["certified" if verdict == "proved" else verdict] for verdict in counts} or {0}
     code = next(c for c in WORST_FIRST if c in found)
+    band = json.loads(certificate.split(b"\n", 1)[0])["band"]  # part of what is proved, and in no other file
     if options.json:
-        print(json.dumps({"table": options.spec, "counts": counts, "exit_code": code}, indent=1))
+        print(json.dumps({"table": options.spec, "band": band, "counts": counts, "exit_code": code}, indent=1))
     else:
         told = ", ".join(f"{count:,} {verdict}" for verdict, count in counts.items())
-        print(f"accepted: {options.certificate} about {options.spec}: {told}")
+        where = f"from {band[0]} to {band[1]}, where a row has no band of its own"
+        print(f"accepted: {options.certificate} about {options.spec}, {where}: {told}")
     return code
 
 

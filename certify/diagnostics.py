@@ -173,6 +173,13 @@ _ALL = (
     ),
     Diagnostic("S306", "not defined", "Filters, controllers and line types are defined by name.", "define it"),
     Diagnostic(
+        "S308",
+        "a load given by its current that cannot be added up",
+        "The sum of the loads at a node must stay a quotient of polynomials in Vd and Vq, on one disk.",
+        "move the other loads to a node of their own, or write them into the formula",
+        'load = [{ kind = "current", I = ["Vd/50", "Vq/50"], centre = ["1 pu", "0 pu"], radius = "0.2 pu" }]',
+    ),
+    Diagnostic(
         "S307",
         "empty voltage band",
         "The claim on a load must hold between two voltages, the lower first.",
@@ -319,6 +326,13 @@ kettle,2,1,230,0.96,0.05,-0.01,0,0,1""",
         "leave --method out: then the cheapest method that decides is taken",
     ),
     Diagnostic(
+        "P211",
+        "monotonicity of a load given by its current undecided",
+        "Neither sums of squares on its disk nor two voltages that refute were found: its denominator may vanish "
+        "there, or it is hardly monotone at a voltage that is no rational number.",
+        "a smaller disk, or a formula of lower degree",
+    ),
+    Diagnostic(
         "P208",
         "a DGU with tolerances undecided",
         "No storage function was found that serves every corner of its box of tolerances, and no corner was refuted.",
@@ -410,6 +424,20 @@ kettle,2,1,230,0.96,0.05,-0.01,0,0,1""",
         "At none of many low-discrepancy voltages was the load found not to be monotone. That proves nothing: the "
         "claim becomes an assumption of the ledger, and what rests on it is conditional.",
         "prove without --method; `certify gate --allow NAME` lets a conditional verdict pass",
+    ),
+    Diagnostic(
+        "monotone-disk",
+        "proof rule: a load given by its current, on a disk",
+        "The symmetric part of its Jacobian, times the squared denominator, is a sum of squares plus (r^2 - |V - V0|^2)"
+        " times another, with exact Gram matrices; the denominator keeps away from zero in the same way.",
+        "complete but for zeros on the disk that are no rational numbers; the degree of the sums is at most 6",
+    ),
+    Diagnostic(
+        "current-pair",
+        "refutation: two voltages between which the load current falls",
+        "For two voltages of the disk <V - U, I(V) - I(U)> < 0, exactly. It refutes monotonicity on the disk, not "
+        "stability of the network.",
+        "a smaller disk, or another load beside it",
     ),
     Diagnostic(
         "voltage-pair",

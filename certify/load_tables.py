@@ -21,13 +21,17 @@ from typing import Any
 from certify import __version__
 from certify.kernel.check_loads import FORMAT, LoadVerdict, RowVerdict, check_row, read_row
 from certify.kernel.claims import Context
-from certify.kernel.errors import Fault, Rejected
+from certify.kernel.data import Data
+from certify.kernel.errors import Fault, Rejected, RuleFailure
+from certify.kernel.load_proofs import lipschitz
 from certify.kernel.loads import lipschitz_bound
 from certify.kernel.model import LoadLaw, Pieces
+from certify.kernel.proofs import RULES
 from certify.kernel.quantity import parse_quantity
 from certify.kernel.spec import Microgrid
 from certify.kernel.table import Cells, LoadTable, parse_band
 from certify.search.analysis import analyse, find_entries
+from certify.search.loads import propose_disk
 from certify.search.voltages import float_law, smallest_eigenvalue
 
 CHUNK = 250  # rows decided at once
@@ -167,7 +171,8 @@ def _decide_chunk(
 def _decide_row(
     number: int, cells: Cells | Fault, units: dict[str, str], band: Band, method: str | None, only_read: bool
 ) -> Decided:
-    name = str(cells.get("name", ""))[:200] if isinstance(cells, dict) else ""
+    name = cells.get("name", "") if isinstance(cells, dict) else ""
+    name = str(name)[:200] if isinstance(name, str) and name.isprintable() else ""
     row = read_row(number, cells, units, band)
     if only_read:
         faults = row if isinstance(row, tuple) else ()
@@ -194,6 +199,7 @@ def to_result(number: int, name: str, pieces: Pieces, verdict: LoadVerdict, base
     """A verdict of the kernel with the numbers that follow from it."""
     facts = {(what, unit): value for what, value, unit in verdict.facts}
     pair = tuple(value for what, value, _ in verdict.facts if what == "voltage of the pair")
+    from_zero = verdict.status == "proved" and pieces[0][0][0] == 0  # then nothing is left below the band
     violation = facts.get(("linearisation not passive at", "V"))
     return Result(
         number,
@@ -202,7 +208,7 @@ def to_result(number: int, name: str, pieces: Pieces, verdict: LoadVerdict, base
         verdict.rule,
         (pieces[0][0][0], pieces[-1][0][1]),
         base,
-        verdict.critical,
+        (Fraction(0), Fraction(0)) if from_zero else verdict.critical,
         verdict.strict,
         _margin(pieces, verdict, violation, base),
         verdict.modulus,
@@ -226,12 +232,15 @@ def _margin(pieces: Pieces, verdict: LoadVerdict, violation: Fraction | None, ba
         unit = math.hypot(P, Q) / v**2
         if not unit:
             return None
+        value = 0.0
         if verdict.modulus is not None:
-            return float(verdict.modulus) / unit
-        if violation is not None:
+            value = float(verdict.modulus) / unit
+        elif violation is not None:
             own = next(law for band, law in pieces if band[0] <= violation <= band[1])
-            return smallest_eigenvalue(*float_law(own)(float(violation))) / unit
-    except OverflowError:
+            value = smallest_eigenvalue(*float_law(own)(float(violation))) / unit
+        if value or verdict.modulus is not None or violation is not None:
+            return value if value and math.isfinite(value) else None  # zero is what floats could not tell
+    except (OverflowError, ZeroDivisionError):
         return None
     return 0.0 if verdict.status == "proved" else None
 
@@ -240,9 +249,36 @@ def decide_spec(grid: Microgrid, method: str | None = None, base: str | None = N
     """The loads of every node of a microgrid, summed at each node. `base`: 1 pu, as text."""
     context = Context(grid)
     volts = parse_quantity(base, "V", {}) if base else None
-    for number, node in enumerate((node for node in grid.nodes if node.band_volt), 1):
-        pieces = context.pieces(node.name)
-        yield to_result(number, node.name, pieces, analyse(pieces, method), volts)
+    for number, node in enumerate((node for node in grid.nodes if node.has_static_load), 1):
+        if node.current:
+            yield _disk_result(number, node.name, context, method, volts)
+        else:
+            pieces = context.pieces(node.name)
+            yield to_result(number, node.name, pieces, analyse(pieces, method), volts)
+
+
+def _disk_result(number: int, node: str, context: Context, method: str | None, base: Fraction | None) -> Result:
+    """Of a load given by its current, on its disk."""
+    for proposal in propose_disk(context, node, True, method):
+        try:
+            facts = RULES["current", proposal.status, proposal.rule](context, node, Data(proposal.data))
+            bound = lipschitz(context, node)
+        except RuleFailure:
+            continue
+        product = next((value for what, value, _ in facts if what == "violating product"), None)
+        strict, modulus = node in context.strict_loads, context.moduli.get(node) or None
+        return Result(
+            number,
+            node,
+            proposal.status,
+            proposal.rule,
+            base=base,
+            strict=strict,
+            modulus=modulus,
+            lipschitz=bound,
+            product=product,
+        )
+    return Result(number, node, "unknown", base=base)
 
 
 def _json(document: dict[str, Any]) -> str:

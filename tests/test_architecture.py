@@ -25,7 +25,9 @@ LAYERS = [
     "report",
     "cli",
 ]  # an arrow points from left to right only
-LIMIT = 2_700  # lines of code; "small enough to read in one sitting"
+LIMIT = 2_700  # lines of code that a certificate of a microgrid rests on; "small enough to read in one sitting"
+TABLES = {"table.py", "check_loads.py"}  # only certificates of tables of loads rest on these as well
+TABLE_LIMIT = 350
 
 
 def imported(path: Path) -> set[str]:
@@ -75,7 +77,11 @@ def code_lines(path: Path) -> int:
 
 
 def test_the_kernel_is_small() -> None:
-    assert sum(code_lines(path) for path in KERNEL) <= LIMIT
+    assert sum(code_lines(path) for path in KERNEL if path.name not in TABLES) <= LIMIT
+    assert sum(code_lines(path) for path in KERNEL if path.name in TABLES) <= TABLE_LIMIT
+    for path in KERNEL:
+        if path.name not in {*TABLES, "__main__.py"}:
+            assert not {f"certify.kernel.{name.removesuffix('.py')}" for name in TABLES} & imported(path)
 
 
 def test_arrows_point_one_way() -> None:

@@ -126,8 +126,9 @@ def test_sums_of_squares() -> None:
     fails("not symmetric", prove, ["9/4 1", "1/2 1/4"], ["0"], *D_GRAMS)
     fails("four", prove, *P_GRAMS)
     fails("one list", by, "sos", SQUARE, {"grams": []})
-    fails("fit", prove, [], [], *D_GRAMS)
-    fails("fit", prove, P_GRAMS[0], ["0 0", "0 0"], *D_GRAMS)
+    fails("do not give", prove, [], [], *D_GRAMS)
+    fails("do not give", prove, P_GRAMS[0], ["0 0", "0 1"], *D_GRAMS)
+    fails("too large", prove, [" ".join("0" * 20)] * 20, [], *D_GRAMS)
     fails("lowest terms", prove, ["18/8 3/4", "3/4 1/4"], ["0"], *D_GRAMS)
 
 

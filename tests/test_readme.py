@@ -17,7 +17,7 @@ SHOWN = re.findall(r"<!-- certify (.*?) -->\n```text\n(.*?)```", TEXT, re.DOTALL
 
 
 def test_there_is_output_to_compare() -> None:
-    assert len(SHOWN) == 7
+    assert len(SHOWN) == 8
 
 
 @pytest.mark.parametrize(("command", "text"), SHOWN, ids=[command for command, _ in SHOWN])

@@ -22,6 +22,7 @@ POSITIVE = [
     "wrong-inductance.toml",
     "tiny-asymmetry.toml",
     "custom-loop.json",
+    "other-loads.toml",
 ]
 
 

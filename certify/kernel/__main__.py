@@ -5,6 +5,7 @@ SPEC may be a table of loads, if CERT is about one.
 
 import contextlib
 import io
+import json
 import sys
 from pathlib import Path
 
@@ -49,6 +50,7 @@ def _check_table(table: bytes, certificate: bytes) -> int:
         status = result.verdict.status if result.verdict else "bad input"
         found.add(codes.get(status, 2))
         print(f"{status:8} row {result.number}" + (f" ({result.row.name})" if result.row and result.row.name else ""))
+    print("from {} to {}, where a row has no band of its own".format(*json.loads(certificate.splitlines()[0])["band"]))
     return next(code for code in (2, 1, 3, 0) if code in found)
 
 

@@ -26,13 +26,11 @@ from certify.kernel.table import Cells, LoadTable, Row, decode_row, parse_band
 
 FORMAT = "certify/loads@1"
 CRITICAL_WIDTH = Fraction(1, 10**9)  # of the bracket of a critical voltage, relative
-STATUSES = ("proved", "refuted", "conditional", "unknown")
 
 
 @dataclass(frozen=True)
 class LoadVerdict:
     """What is shown of one load.
-
 
     `critical`: a bracket of the voltage from which on it is monotone up to the top of its band; (0, 0) if from every
     voltage on, () if not even at the top, None if nothing is said. `modulus` in siemens.
@@ -68,7 +66,7 @@ def check_load(pieces: Pieces, entry: dict[str, Any]) -> LoadVerdict:
         require(rule == "voltage-pair", "a load is refuted by a pair of voltages")
         return LoadVerdict(status, rule, critical=critical, facts=check_pair(pieces, data))
     allowed = {"proved": [m for m in METHODS if m != "sampled"], "conditional": ["sampled"]}
-    require(rule in allowed.get(status, []), "a load cannot be decided in this way")
+    require(isinstance(status, str) and rule in allowed.get(status, []), "a load cannot be decided in this way")
     given, rest = data.optional("modulus")
     modulus = given.scalar() if given else None
     require(modulus is None or (modulus > 0 and status == "proved"), "the modulus is not positive")
@@ -104,14 +102,10 @@ def _require_violation(pieces: Pieces, v: Fraction) -> None:
     require(shown, "the load is not shown to fail below its critical voltage")
 
 
-def read_row(
-    number: int, cells: Cells | Fault, units: dict[str, str], band: tuple[str, str]
-) -> Row | tuple[Fault, ...]:
-    """The load of a row, or every fault that keeps it from being one."""
-    if isinstance(cells, Fault):
-        return (cells,)
+def read_row(n: int, cells: Cells | Fault, units: dict[str, str], band: tuple[str, str]) -> Row | tuple[Fault, ...]:
+    """The load of row n, or every fault that keeps it from being one."""
     try:
-        return decode_row(number, cells, units, band)
+        return decode_row(n, cells, units, band) if isinstance(cells, dict) else (cells,)
     except SpecError as error:
         return error.faults
 
@@ -130,6 +124,8 @@ def check_row(number: int, row: Row | tuple[Fault, ...], line: object) -> RowVer
         return RowVerdict(number, row, check_load(row.pieces, entry))
     except RuleFailure as failure:
         raise Rejected("K201", where, f"rule {shorten(entry.get('rule'))}: {failure}") from None
+    except RecursionError:
+        raise Rejected("K101", where, "nested too deeply") from None
 
 
 def check_table(table: bytes, certificate: bytes) -> Iterator[RowVerdict]:
@@ -149,8 +145,7 @@ def check_table(table: bytes, certificate: bytes) -> Iterator[RowVerdict]:
     ends = parse_band((band[0], band[1]))
     rows, counts = LoadTable(table), Counter[str]()
     for number, cells in rows:
-        line = _parse(next(lines, b""), f"row {number}")
-        result = check_row(number, read_row(number, cells, rows.units, ends), line)
+        result = check_row(number, read_row(number, cells, rows.units, ends), _parse(next(lines, b""), f"row {number}"))
         counts[result.verdict.status if result.verdict else "bad input"] += 1
         yield result
     if _parse(next(lines, b""), "last line", {"total"})["total"] != dict(counts) or next(lines, None) is not None:

@@ -8,9 +8,19 @@ from fractions import Fraction
 from itertools import product
 from typing import Any
 
+from certify.kernel.currents import CurrentLaw
 from certify.kernel.errors import RuleFailure
 from certify.kernel.linalg import Matrix
-from certify.kernel.model import SIGNS, LinearPort, Pieces, at_corner, dgu_port, load_pieces, node_capacitances
+from certify.kernel.model import (
+    SIGNS,
+    LinearPort,
+    Pieces,
+    at_corner,
+    dgu_port,
+    load_current,
+    load_pieces,
+    node_capacitances,
+)
 from certify.kernel.spec import Line, LinearLoop, Microgrid, components
 
 Fact = tuple[str, Fraction, str]
@@ -69,6 +79,7 @@ class Context:
         self.storages: dict[str, tuple[Any, LinearPort, Matrix]] = {}  # what it depends on, the port, M
         self.shortages: dict[str, Fraction] = {}  # of the DGUs that are passive but for a shortage
         self.sampled: set[str] = set()  # the loads of which only evidence is given
+        self.margins: dict[str, Fraction] = {}  # of the denominators of loads given by their currents
         self.moduli: dict[str, Fraction] = {}  # of strong monotonicity of the loads, as far as proved
         self.memo: dict[Any, Any] = {}
 
@@ -109,6 +120,14 @@ class Context:
             raise RuleFailure(f"there is no static load at node {name}")
         return pieces
 
+    def disk(self, name: str) -> tuple[CurrentLaw, tuple[Fraction, Fraction], Fraction]:
+        """The current of the static loads at a node, and the disk of the claim about it: centre and radius in volt."""
+        node = self.nodes[name]
+        if node.current is None:
+            raise RuleFailure(f"no load at node {name} is given by its current")
+        law: CurrentLaw = self.once(("current", name), lambda: load_current(node))
+        return law, node.current.centre_volt, node.current.radius_volt
+
     def once(self, key: Any, compute: Callable[[], Any]) -> Any:
         """Equal subsystems are computed once: the key holds all that the result depends on."""
         if key not in self.memo:
@@ -144,6 +163,11 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
                 f"the load current at node {node.name} is monotone in the voltage for {low} V <= |V| <= {high} V{box}"
             )
             claims[f"load/{node.name}"] = ("load", node.name), text
+        if node.current:
+            centre = " + j ".join(f"({to_text(x)})" for x in node.current.centre_volt)
+            radius = to_text(node.current.radius_volt)
+            text = f"the load current at node {node.name} is monotone in the voltage for |V - {centre}| <= {radius} V"
+            claims[f"load/{node.name}"] = ("current", node.name), text
         for k, branch_ in enumerate(node.branches):
             text = f"series R-L load {k} at node {node.name} is strictly {passive}{_within(branch_.tolerance)}"
             claims[f"branch/{node.name}/{k}"] = ("branch", branch_), text
@@ -152,7 +176,8 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
     for island in context.islands:
         text = f"on the island of node {island[0]} (nodes: {len(island)}) nothing but rest is without dissipation"
         claims[f"invariant-set/{island[0]}"] = ("island", island), text
-    text = "every equilibrium with all load voltages strictly inside their bands is asymptotically stable"
+    places = "bands or disks" if any(node.current for node in grid.nodes) else "bands"
+    text = f"every equilibrium with all load voltages strictly inside their {places} is asymptotically stable"
     text += ", for all values within the tolerances" if any(", for all" in said for _, said in claims.values()) else ""
     claims["microgrid"] = ("microgrid", None), text
     return claims

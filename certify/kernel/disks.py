@@ -23,6 +23,7 @@ from certify.kernel.currents import (
 )
 from certify.kernel.errors import require
 from certify.kernel.linalg import Matrix
+from certify.kernel.powers import radical_inverse
 from certify.kernel.reader import Pair
 
 MAX_SUM_DEGREE = 6  # of the monomials in a sum of squares
@@ -137,6 +138,21 @@ def current_pair(law: CurrentLaw, centre: Pair, radius: Fraction, U: Pair, V: Pa
     product = sum(((v - u) * (i_v - i_u) for u, v, i_u, i_v in ends), la.ZERO)
     require(product < 0, "the product of the two voltages is not negative")
     return product
+
+
+def sampled_disk(law: CurrentLaw, centre: Pair, radius: Fraction, count: int) -> None:
+    """Rule `sampled` on a disk: no violation at points of the Halton sequence in the bases 2 and 3. Proves nothing."""
+    form = jacobian_form(law, centre, radius)
+    q = recentred(law.denominator, centre, radius)
+    for k in range(count):
+        x, y = (2 * radical_inverse(k, base) - 1 for base in (2, 3))
+        if x * x + y * y > 1 or not evaluate(q, (x, y)):
+            continue
+        M = dict.fromkeys(((0, 0), (0, 1), (1, 1)), la.ZERO)
+        for (i, j, a, b), c in form.items():
+            M[a, b] += c * x**i * y**j
+        fine = min(M[0, 0], M[1, 1], 4 * M[0, 0] * M[1, 1] - M[0, 1] ** 2) >= 0
+        require(fine, "a sample shows that the load is not monotone")
 
 
 def lipschitz_bound_disk(law: CurrentLaw, centre: Pair, radius: Fraction, margin: Fraction = la.ZERO) -> Fraction:

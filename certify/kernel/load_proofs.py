@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
 from itertools import pairwise
 
-from certify.kernel import loads
+from certify.kernel import disks, loads
 from certify.kernel.claims import Context, Fact, corner_facts, to_text
 from certify.kernel.data import Data
 from certify.kernel.errors import require
@@ -18,6 +18,7 @@ from certify.kernel.reader import Pair
 # What a proof may cost, where a box of tolerances multiplies it: corners times the size of the work at each of them.
 MAX_LOAD_WORK = 1 << 21  # squared degree times bits of a coefficient
 MAX_CELL_WORK = 1 << 17  # points times bits
+MAX_POWER_WORK = 1 << 35  # squared bits of the whole powers of the points
 MAX_GRAM_WORK = 400_000  # characters of all Gram matrices
 MAX_SAMPLES = 4096
 
@@ -51,7 +52,7 @@ def _sturm(cases: Sequence[Case], data: Data) -> bool:
 
 def _bernstein(cases: Sequence[Case], data: Data) -> bool:
     points = data.fields("points")[0].vector()
-    _limit_work(cases, len(points))
+    _limit_work(cases, points)
     return _all(loads.monotone_bernstein(law, _cells(points, band)) for band, law in cases)
 
 
@@ -67,6 +68,8 @@ def _enclosure(cases: Sequence[Case], data: Data) -> bool:
     points, bits = (part.vector() for part in data.fields("points", "bits"))
     require(len(bits) == 1 and bits[0] in PRECISIONS[:3], "the precision is absurd")
     require(len(cases) * len(points) * bits[0] <= MAX_CELL_WORK, "too many points, bits or corners")
+    work = sum((_bits(v) * _whole_power(law)) ** 2 for _, law in cases for v in points)
+    require(work <= MAX_POWER_WORK, "the points have too many digits")
     return _all(loads.monotone_enclosure(law, _cells(points, band), bits[0].numerator) for band, law in cases)
 
 
@@ -99,18 +102,28 @@ def _cells(points: Sequence[Fraction], band: Pair) -> tuple[Fraction, ...]:
     return (band[0], *(v for v in points if band[0] < v < band[1]), band[1])
 
 
-def _limit_work(cases: Sequence[Case], points: int = 1) -> None:
+def _limit_work(cases: Sequence[Case], points: Sequence[Fraction] = (Fraction(1),)) -> None:
     """Against a box of tolerances, or a list of points, that multiplies the work with polynomials of many digits."""
-    work = points * sum(law_work(law) for _, law in cases)
-    require(len(cases) == points == 1 or work <= MAX_LOAD_WORK, "too many corners or points")
+    work = sum(law_work(law, _bits(v)) for _, law in cases for v in points)
+    require(len(cases) == len(points) == 1 or work <= MAX_LOAD_WORK, "too many corners or points")
 
 
-def law_work(law: LoadLaw) -> int:
-    """What one Sturm sequence of a law costs, about: squared degree times bits."""
+def _bits(x: Fraction) -> int:
+    return x.numerator.bit_length() + x.denominator.bit_length()
+
+
+def _whole_power(law: LoadLaw) -> int:
+    """The largest power of a voltage that enclosures take exactly."""
+    exponents = [t.exponent - 2 for t in (*law.active, *law.reactive)]
+    return max((abs(e.numerator) for e in exponents if e.denominator == 1 and abs(e) <= 64), default=1)
+
+
+def law_work(law: LoadLaw, bits: int = 0) -> int:
+    """What one Sturm sequence of a law costs, about: squared degree times bits, of a coefficient or as given."""
     terms = (*law.active, *law.reactive)
     degree = max((int(term.exponent) for term in terms), default=0)
     numbers = [x for t in terms for x in (t.coefficient, t.spread)]
-    return degree**2 * max((x.numerator.bit_length() + x.denominator.bit_length() for x in numbers), default=0)
+    return degree**2 * max((bits, *map(_bits, numbers)))
 
 
 # --- handlers -------------------------------------------------------------------------------------------------
@@ -171,3 +184,59 @@ def check_pair(pieces: Pieces, data: Data) -> tuple[Fact, ...]:
     facts.append(("tangent of half the angle between them", t.scalar(), ""))
     facts.append(("violating product, at most", product[1], "W"))
     return (*(corner_facts(signs, quantities) if signs.strip("0") else ()), *facts)
+
+
+def disk(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
+    """The handler of `monotone-disk`."""
+    law, centre, radius = context.disk(name)
+    given, rest = data.optional("modulus")
+    modulus = given.scalar() if given else Fraction(0)
+    require(modulus > 0 or given is None, "the modulus is not positive")
+    below, rest = rest.optional("denominator")
+    denominator = None
+    if below is not None:
+        margin, inner = below.optional("margin")
+        require(margin is not None, "the denominator has no margin")
+        context.margins[name] = margin.scalar() if margin else Fraction(0)
+        denominator = (context.margins[name], _disk_sum(inner))
+    strict = disks.monotone_disk(law, centre, radius, _disk_sum(rest), denominator, modulus)
+    if strict:
+        context.strict_loads.add(name)
+    context.moduli[name] = modulus
+    facts: tuple[Fact, ...] = (("strictly monotone", Fraction(int(strict)), ""),)
+    return (*facts, ("strongly monotone with modulus", modulus, "S")) if modulus else facts
+
+
+def _disk_sum(data: Data) -> disks.DiskSum:
+    degree, gram, second = data.fields("degree", "gram", "disk")
+    require(degree.scalar().denominator == 1, "a degree is a whole number")
+    return disks.DiskSum(degree.scalar().numerator, gram.matrix(), second.matrix())
+
+
+def sampled_disk(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
+    """Evidence, as `sampled`, for a load given by its current."""
+    (count,) = (part.scalar() for part in data.fields("points"))
+    require(count.denominator == 1 and 0 < count <= MAX_SAMPLES, "the number of points is absurd")
+    disks.sampled_disk(*context.disk(name), count.numerator)
+    context.sampled.add(name)
+    return (("voltages tried without a violation", count, ""),)
+
+
+def current_pair(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
+    """The handler of `current-pair`."""
+    U, V = (part.vector() for part in data.fields("U", "V"))
+    require(len(U) == len(V) == 2, "a voltage has two components")
+    product = disks.current_pair(*context.disk(name), (U[0], U[1]), (V[0], V[1]))
+    named = [
+        (f"{part} of voltage {k}", x, "V") for k, W in (("U", U), ("V", V)) for part, x in zip("dq", W, strict=True)
+    ]
+    return (*named, ("violating product", product, "W"))
+
+
+def lipschitz(context: Context, name: str) -> Fraction:
+    """A Lipschitz constant in siemens of the static load at a node, where its claim is made."""
+    if context.nodes[name].current is None:
+        pieces = context.pieces(name)
+        bound: Fraction = context.once(("lipschitz", pieces), lambda: loads.lipschitz_bound(pieces))
+        return bound
+    return disks.lipschitz_bound_disk(*context.disk(name), context.margins.get(name, Fraction(0)))

@@ -25,7 +25,15 @@ from certify.kernel.poly import (
     substitute,
     to_polynomial,
 )
-from certify.kernel.powers import PRECISIONS, Interval, compare_power, interval_product, interval_sum, power_enclosure
+from certify.kernel.powers import (
+    PRECISIONS,
+    Interval,
+    compare_power,
+    interval_product,
+    interval_sum,
+    power_enclosure,
+    radical_inverse,
+)
 from certify.kernel.reader import Pair
 
 MAX_DEGREE = 12  # of P and Q as polynomials in v
@@ -92,6 +100,7 @@ def monotone_ends(law: LoadLaw, band: Pair) -> bool:
     require(all(t.exponent in (0, 1, 2) for t in terms), "neither a single exponential law nor a ZIP load")
     worst = (*law.active, *(t for t in law.reactive if t.exponent != 2))  # a constant susceptance does not enter D
     require(all(t.coefficient >= 0 for t in worst), "a parameter of the ZIP load is negative")
+    require(band[0] > 0, "D v^4 tells nothing at zero")
     sign = sign_at(jacobian_polynomials(law)[1], band[0])
     require(sign >= 0, "D v^2, which increases, is negative at the lower end of the band")
     return sign > 0
@@ -158,9 +167,9 @@ def monotone_sos(law: LoadLaw, band: Pair, grams: Sequence[Matrix]) -> bool:
 
 def _sum_of_squares(p: Polynomial, first: Matrix, second: Matrix) -> bool:
     """Whether sigma0 is positive definite; fails unless p = sigma0 + (1 - x^2) sigma1 with Gram matrices >= 0."""
-    size = len(first)
-    require(0 < size <= MAX_DEGREE + 2 and len(second) <= size - 1, "the Gram matrices do not fit each other")
-    total = [Fraction(0)] * (2 * size + 1)
+    size = max(len(first), len(second))
+    require(size <= MAX_DEGREE + 2, "the Gram matrices are too large")
+    total = [Fraction(0)] * (2 * size + 2)
     for gram, shifts in ((first, ((0, 1),)), (second, ((0, 1), (2, -1)))):
         require(is_symmetric(gram), "a Gram matrix is not symmetric")
         for i, row in enumerate(gram):
@@ -173,7 +182,7 @@ def _sum_of_squares(p: Polynomial, first: Matrix, second: Matrix) -> bool:
         diagonal, semidefinite = ldl_pivots(gram)
         require(semidefinite, "a Gram matrix is not positive semidefinite")
         pivots.append(diagonal)
-    return all(x > 0 for x in pivots[0])
+    return len(first) > 0 and all(x > 0 for x in pivots[0])
 
 
 # --- enclosures ---------------------------------------------------------------------------------------------
@@ -247,16 +256,17 @@ def is_violated_at(law: LoadLaw, v: Fraction) -> bool:
 def _sign_on_cell(cell: Jet, low: Jet, high: Jet) -> bool | None:
     """Whether a function is positive (True) or at least not negative (False) on a cell, as far as enclosures tell.
 
-    By its values on the cell; or by that at one end, if it does not decrease from there; or if its first derivative
-    there points upwards and its second on the cell is not negative.
+    By its values on the cell; or by its value f at one end, if it does not decrease from there; or if its second
+    derivative on the cell is at least b >= 0, and its slope s from that end inwards is s >= 0 or s^2 <= 2 b f.
     """
-    for order in range(3):
-        for end, sign in ((low, 1), (high, -1)):
-            toward = [x if sign ** (k % 2) == 1 else (-x[1], -x[0]) for k, x in enumerate(end)]
-            inside = cell[order] if sign ** (order % 2) == 1 else (-cell[order][1], -cell[order][0])
-            if inside[0] >= 0 and all(x[0] >= 0 for x in toward[:order]):
-                return (inside if order == 0 else toward[0])[0] > 0
-    return None
+    if cell[0][0] > 0:
+        return True
+    for value, slope, inner in ((low[0][0], low[1][0], cell[1][0]), (high[0][0], -high[1][1], -cell[1][1])):
+        if value >= 0 and (inner >= 0 or (cell[2][0] >= 0 and slope >= 0)):
+            return value > 0
+        if value > 0 and slope**2 <= 2 * cell[2][0] * value and cell[2][0] > 0:
+            return slope**2 < 2 * cell[2][0] * value
+    return False if cell[0][0] == 0 else None
 
 
 def enclose(law: LoadLaw, v: Fraction, bits: int) -> Enclosed:
@@ -278,6 +288,7 @@ def cell_sign(low: Enclosed, high: Enclosed) -> bool | None:
 
 def monotone_enclosure(law: LoadLaw, cells: Sequence[Fraction], bits: int) -> bool:
     """Rule `monotone-enclosure`: G and D on every cell between consecutive voltages, by enclosures rounded outwards."""
+    require(cells[0] > 0, "a power may have no bound at zero")
     strict = True
     for low, high in pairwise(enclose(law, v, bits) for v in cells):
         sign = cell_sign(low, high)
@@ -287,11 +298,10 @@ def monotone_enclosure(law: LoadLaw, cells: Sequence[Fraction], bits: int) -> bo
 
 
 def sampled(law: LoadLaw, band: Pair, count: int) -> None:
-    """Rule `sampled`: no violation at the ends and at `count` points of the van der Corput sequence. Proves nothing."""
-    for k in range(count + 2):
-        mirrored = bin(k)[:1:-1]  # the binary digits of k, mirrored at the point
-        share = Fraction(int(mirrored, 2), 1 << len(mirrored)) if k <= count else Fraction(1)
-        G, D = jacobian_enclosure(law, band[0] + (band[1] - band[0]) * share, PRECISIONS[0])
+    """Rule `sampled`: no violation at the upper end and `count` points of the van der Corput sequence. No proof."""
+    for k in range(count + 1):
+        v = band[0] + (band[1] - band[0]) * radical_inverse(k, 2) if k < count else band[1]
+        G, D = jacobian_enclosure(law, v, PRECISIONS[0])
         require(G[1] >= 0 and D[1] >= 0, "a sample shows that the load is not monotone")
 
 

@@ -11,9 +11,11 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise, product
 
-from certify.kernel.errors import require
+from certify.kernel.currents import CurrentLaw, plus_isotropic
+from certify.kernel.errors import RuleFailure, require
 from certify.kernel.linalg import Matrix, add, block, identity, multiply, scale, solve, to_matrix, zeros
 from certify.kernel.powers import PRECISIONS, power_enclosure
+from certify.kernel.quantity import QuantityError
 from certify.kernel.reader import Pair
 from certify.kernel.spec import Dgu, ExpLoad, Filter, IdaPbc, LinearLoop, Microgrid, Node, StateFeedback, ZipLoad
 
@@ -175,6 +177,18 @@ def load_pieces(node: Node) -> Pieces:
     low, high = node.band_volt
     cuts = {x.cutoff_volt for x in node.loads if x.cutoff_volt is not None and low < x.cutoff_volt < high}
     return tuple((band, load_law(node.loads, band[1])) for band in pairwise((low, *sorted(cuts), high)))
+
+
+def load_current(node: Node) -> CurrentLaw:
+    """The current of all static loads at a node with a load given by its current, which the others must suit."""
+    if node.current is None:
+        raise ValueError("no load of this node is given by its current")
+    parts = [{term.exponent: term.coefficient for term in part} for part in vars(load_law(node.loads)).values()]
+    Y, P = ((parts[0].get(e, ZERO), parts[1].get(e, ZERO)) for e in (TWO, ZERO))
+    try:
+        return plus_isotropic(node.current.law, Y, P)
+    except QuantityError as error:
+        raise RuleFailure(f"the sum of the loads is too large: {error.message}") from None
 
 
 def load_law(loads: Iterable[ZipLoad | ExpLoad], top_volt: Fraction | None = None) -> LoadLaw:

@@ -28,6 +28,20 @@ def interval_product(x: Interval, y: Interval) -> Interval:
     return min(products), max(products)
 
 
+def radical_inverse(k: int, base: int) -> Fraction:
+    """The digits of k in a base, mirrored at the point: the van der Corput sequence, dense in [0, 1).
+
+    >>> [str(radical_inverse(k, 2)) for k in range(5)]
+    ['0', '1/2', '1/4', '3/4', '1/8']
+    """
+    value, place = Fraction(0), Fraction(1)
+    while k:
+        k, digit = divmod(k, base)
+        place /= base
+        value += digit * place
+    return value
+
+
 def _floor(x: Fraction, bits: int) -> int:
     return (x.numerator << bits) // x.denominator
 

@@ -12,7 +12,6 @@ from certify.kernel.claims import Context, Fact, corner_facts
 from certify.kernel.data import Data
 from certify.kernel.errors import require
 from certify.kernel.linalg import Matrix, block, identity, scale, zeros
-from certify.kernel.loads import lipschitz_bound
 from certify.kernel.model import LinearPort, at_corner, incidence
 from certify.kernel.spec import Filter, SeriesBranch
 
@@ -154,7 +153,7 @@ def _island(status: str, context: Context, island: tuple[str, ...], data: Data) 
             *(f"line/{line.name}" for line in context.lines_at[name]),
             *(f"branch/{name}/{k}" for k in range(len(node.branches))),
         ]
-        needed += [f"load/{name}"] if node.band_volt else []
+        needed += [f"load/{name}"] if node.has_static_load else []
         require(all(claims[c] in HOLDS for c in needed), f"a line or load at node {name} is not proved")
         if node.dgu:
             require(name in context.storages, f"the DGU at node {name} is not proved")
@@ -162,9 +161,8 @@ def _island(status: str, context: Context, island: tuple[str, ...], data: Data) 
             context.once((rules.rests, key), partial(rules.rests, port, M))
         if name in context.shortages:
             shortages[name] = context.shortages[name]
-            if node.band_volt:
-                pieces = context.pieces(name)
-                lipschitz = context.once(("lipschitz", pieces), partial(lipschitz_bound, pieces))
+            if node.has_static_load:
+                lipschitz = load_proofs.lipschitz(context, name)
                 shortages[name] = rules.shortage_with_load(shortages[name], context.moduli[name], lipschitz)
     if shortages:
         edges: list[tuple[Fraction, tuple[str, ...]]] = []
@@ -186,7 +184,7 @@ def _island(status: str, context: Context, island: tuple[str, ...], data: Data) 
         require(bool(context.nodes[at].branches), "there is no series R-L load at the pin")
     else:
         require(by == "dgu" and at in context.storages, "the pin is neither a load, a branch nor a proved DGU")
-        free_load = context.nodes[at].band_volt is not None and at not in shortages
+        free_load = context.nodes[at].has_static_load and at not in shortages
         rules.pins(*context.storages[at][1:], with_load=free_load)
     return facts
 
@@ -212,6 +210,9 @@ RULES: dict[tuple[str, str, str], Callable[[Context, Any, Data], tuple[Fact, ...
     ("dgu", "refuted", "storage-contradiction"): _contradiction,
     **{("load", "proved", name): load_proofs.monotone(name) for name in load_proofs.METHODS if name != "sampled"},
     ("load", "conditional", "sampled"): load_proofs.sampled,
+    ("current", "proved", "monotone-disk"): load_proofs.disk,
+    ("current", "conditional", "sampled"): load_proofs.sampled_disk,
+    ("current", "refuted", "current-pair"): load_proofs.current_pair,
     ("load", "refuted", "voltage-pair"): load_proofs.pair,
     ("interconnection", "proved", "skew-incidence"): _interconnection,
     **{("island", status, "invariant-set"): partial(_island, status) for status in HOLDS},

@@ -13,6 +13,7 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
+from certify.kernel.currents import CurrentLaw, current_law
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.linalg import Matrix
 from certify.kernel.quantity import Formula, QuantityError, parse_formula, parse_quantity, shorten
@@ -121,6 +122,15 @@ class ExpLoad:
 
 
 @dataclass(frozen=True)
+class CurrentLoad:
+    """A load given by its current as a rational function of (Vd, Vq), for voltages in a disk."""
+
+    law: CurrentLaw
+    centre_volt: Pair
+    radius_volt: Fraction
+
+
+@dataclass(frozen=True)
 class SeriesBranch:
     """A resistance and an inductance in series: a line, or a dynamic load to ground. `tolerance`: of R, L."""
 
@@ -131,7 +141,10 @@ class SeriesBranch:
 
 @dataclass(frozen=True)
 class Node:
-    """A bus; `band_volt` is where the claim on its static loads must hold, None without such loads."""
+    """A bus; `band_volt` is where the claim on its static loads must hold, None without such loads.
+
+    With a load given by its `current` the claim is about the disk of that one, and `band_volt` is None.
+    """
 
     name: str
     dgu: Dgu | None
@@ -139,6 +152,11 @@ class Node:
     branches: tuple[SeriesBranch, ...]
     band_volt: Pair | None
     capacitance_farad: Fraction
+    current: CurrentLoad | None = None
+
+    @property
+    def has_static_load(self) -> bool:
+        return self.band_volt is not None or self.current is not None
 
 
 @dataclass(frozen=True)
@@ -304,7 +322,7 @@ class Decoder(TableReader):
         formulas: dict[str, Formula] = {}
 
         def formula(raw: object, path: str) -> Any:
-            parsed: Formula | None = self.attempt(path, lambda: parse_formula(raw))
+            parsed = self.formula(raw, path)
             for name in sorted(parsed.names - scope) if parsed else ():
                 self.fault("S206", path, f"unknown name {shorten(name)}; in scope: {', '.join(sorted(scope))}")
             return parsed
@@ -395,17 +413,37 @@ class Decoder(TableReader):
             "capacitance": (self.unit("F", ">= 0"), Fraction(0)),
         }
         table = self.table(raw, path, schema)
-        loads = [(load, band) for load, band in table["load"] or () if not isinstance(load, SeriesBranch)]
+        loads = [(x, band) for x, band in table["load"] or () if not isinstance(x, SeriesBranch | CurrentLoad)]
         if len(self.faults) > before or None in (band for _, band in loads):
             return None
+        currents = [load for load, _ in table["load"] if isinstance(load, CurrentLoad)]
         branches = tuple(load for load, _ in table["load"] if isinstance(load, SeriesBranch))
         # A load with a cut-off has a law below its band too.
         lows = [Fraction(0) if load.cutoff_volt is not None else band[0] for load, band in loads]
         span = (max(lows), min(b[1] for _, b in loads)) if loads else None
         if span and span[0] >= span[1]:
             self.fault("S307", f"{path}.load", "the voltage bands of these loads have no common part")
-        name = path.split(".", 1)[1]
-        return Node(name, table["dgu"], tuple(x for x, _ in loads), branches, span, table["capacitance"])
+        name, static = path.split(".", 1)[1], tuple(x for x, _ in loads)
+        if currents:
+            self.disk(currents, static, span, f"{path}.load")
+            return Node(name, table["dgu"], static, branches, None, table["capacitance"], currents[0])
+        return Node(name, table["dgu"], static, branches, span, table["capacitance"])
+
+    def disk(
+        self, currents: list[CurrentLoad], others: Sequence[ZipLoad | ExpLoad], span: Pair | None, path: str
+    ) -> None:
+        """Beside a load given by its current: constant admittances and powers only, its disk in their band."""
+        if len(currents) > 1:
+            self.fault("S308", path, "two loads given by their currents; add their formulas up")
+        for load in others:
+            plain = not any(load.I) if isinstance(load, ZipLoad) else {load.np, load.nq} <= {0, 2}
+            if not plain or any(load.tolerance) or load.cutoff_volt is not None:
+                self.fault(
+                    "S308", path, "beside a load given by its current only constant admittances and powers may stand"
+                )
+        size, radius = sum(x * x for x in currents[0].centre_volt), currents[0].radius_volt
+        if span and not ((span[0] + radius) ** 2 <= size and radius < span[1] and size <= (span[1] - radius) ** 2):
+            self.fault("S308", path, "the disk reaches out of the voltage band of another load")
 
     def dgu(self, raw: object, path: str) -> Dgu | None:
         schema: Schema = {
@@ -429,9 +467,9 @@ class Decoder(TableReader):
         evaluated = self.evaluate(table["controller"], filter_)
         return Dgu(filter_, evaluated, table["reference"], table["limits"]) if evaluated else None
 
-    def load(self, raw: Any, path: str) -> tuple[ZipLoad | ExpLoad | SeriesBranch | None, Any]:
+    def load(self, raw: Any, path: str) -> tuple[ZipLoad | ExpLoad | CurrentLoad | SeriesBranch | None, Any]:
         """A load, and for a static one the band in which its claim must hold."""
-        kinds = ("zip", "exp", "rl")
+        kinds = ("zip", "exp", "rl", "current")
         kind = self.one_of(kinds)(raw.get("kind") if isinstance(raw, dict) else None, f"{path}.kind")
         if kind is None:
             return None, None
@@ -440,6 +478,14 @@ class Decoder(TableReader):
             schema |= {key: value for key, value in self.impedances("> 0", "").items() if key != "C"}
             table = self.table(raw, path, {**schema, "tolerance": self.tolerance("R L", self.common_share("load", 2))})
             return SeriesBranch(table["R"], table["L"], table["tolerance"]), None
+        if kind == "current":
+            volts = self.pair(self.unit("V"), self.unit("V"))
+            schema |= {"I": (self.pair(self.formula, self.formula), REQUIRED), "centre": (volts, REQUIRED)}
+            table = self.table(raw, path, {**schema, "radius": (self.unit("V", "> 0"), REQUIRED)})
+            if None in table.values():
+                return None, None
+            law = self.attempt(f"{path}.I", lambda: current_law(*table["I"]))
+            return CurrentLoad(law, table["centre"], table["radius"]) if law else None, None
         schema["band"] = (self.band, None if self.common_band is REQUIRED else self.common_band)
         if self.common_band is REQUIRED and "band" not in raw:
             self.fault(
@@ -469,6 +515,9 @@ class Decoder(TableReader):
         """A load and its band, the lower end of which is its cut-off if it is to be an impedance below."""
         band = table["band"]
         return (replace(load, cutoff_volt=band[0]) if table["below"] and band not in (None, REQUIRED) else load), band
+
+    def formula(self, raw: object, path: str) -> Formula | None:
+        return self.attempt(path, lambda: parse_formula(raw))  # type: ignore[no-any-return]
 
     def exponent(self, raw: object, path: str) -> Fraction | None:
         value: Fraction | None = self.unit("")(raw, path)

@@ -27,6 +27,7 @@ MAX_TABLE_BYTES = 1 << 29
 MAX_JSON_BYTES = 1 << 27
 MAX_LINE = 20_000
 POWER_FACTOR_DIGITS = 40
+HUGE = Fraction(10**30)
 
 UNITS = {"P0": "W", "Q0": "var", "V0": "V", "v_min": "V", "v_max": "V"}
 UNITS |= {"Yp": "S", "Yq": "S", "Ip": "A", "Iq": "A", "Pp": "W", "Pq": "var"}  # of absolute coefficients
@@ -36,8 +37,10 @@ KINDS = {
     "ZIP in absolute coefficients": ("V0", "Yp", "Ip", "Pp", "Yq", "Iq", "Pq"),
     "exponential": ("P0", "V0", "np", "nq"),
 }
+FRACTIONS = KINDS["ZIP in fractions"][2:]
+PER_UNIT = {"V": Fraction(1)}
 MARKS = {"Zp": 0, "Zq": 0, "Yp": 1, "Yq": 1, "np": 2, "nq": 2}
-COLUMNS = ("name", "pf", *UNITS, *MARKS)
+COLUMNS = tuple(dict.fromkeys(("name", "pf", *UNITS, *MARKS)))
 _HEADER = re.compile(r"\s*(\w+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*", re.ASCII)
 
 Cells = dict[str, Any]  # column -> raw value; empty cells are left out
@@ -109,9 +112,10 @@ class LoadTable:
                 elif names.count(name) > 1:
                     faults.append(Fault("T101", f"row {number}, column {name}", "the column is given twice"))
                 elif unit:
+                    self.units[name] = unit
+                    share = unit == "%" and name in FRACTIONS
                     try:
-                        self.units[name] = unit if unit != "pu" else ""
-                        unit_factor(unit, UNITS.get(name, ""), {"V": Fraction(1)})
+                        unit_factor(unit, "" if share else UNITS.get(name, ""), {} if name == "V0" else PER_UNIT)
                     except QuantityError as error:
                         faults.append(Fault(error.code, f"row {number}, column {name}", error.message))
             if faults:
@@ -120,7 +124,7 @@ class LoadTable:
         raise _refusal("T001", "the table is empty")
 
     def _csv_rows(self) -> Iterator[tuple[int, Cells | Fault]]:
-        lines = self._lines()
+        lines, number = self._lines(), 0
         next(lines)
         for number, cells in lines:
             if isinstance(cells, Fault):
@@ -130,6 +134,8 @@ class LoadTable:
             else:
                 pairs = zip(self.columns, cells, strict=True)
                 yield number, {column: text for column, cell in pairs if (text := cell.strip())}
+        if not number:
+            raise _refusal("T001", "the table has a header, but no rows")
 
     def _json_rows(self) -> Iterator[tuple[int, Cells | Fault]]:
         if len(self.data) > MAX_JSON_BYTES:
@@ -155,15 +161,18 @@ def _refusal(code: str, message: str) -> SpecError:
 
 def parse_band(texts: tuple[str, str]) -> tuple[str, str]:
     """The ends of the default band of voltages, checked once. Raises: SpecError."""
-    faults = []
+    faults, sizes = [], []
     for text in texts:
         try:
-            value = parse_quantity(text, "V", {"V": Fraction(1)})
+            value = parse_quantity(text, "V", PER_UNIT)
+            sizes.append((value, parse_quantity(text, "V", {"V": Fraction(2)}) / value if value else None))
         except QuantityError as error:
             faults.append(Fault(error.code, "--band", error.message))
         else:
             if value <= 0:
                 faults.append(Fault("S208", "--band", f"must be positive, got {shorten(text)}"))
+    if not faults and sizes[0][1] == sizes[1][1] and sizes[0] >= sizes[1]:  # both in pu, or both in volt
+        faults.append(Fault("S307", "--band", f"{shorten(texts[0])} is not below {shorten(texts[1])}"))
     if faults:
         raise SpecError(tuple(faults))
     return texts
@@ -201,6 +210,8 @@ def decode_row(number: int, cells: Cells, units: Mapping[str, str], band: tuple[
             per_unit = {"V": values[column]} if values[column] > 0 else {}
         if column in ("V0", "v_min", "v_max") and values[column] <= 0:
             fault("S208", column, f"must be positive, got {shorten(cells[column])}")
+        if values[column] and column in UNITS and not 1 / HUGE <= abs(values[column]) <= HUGE:
+            fault("S202", column, f"{shorten(cells[column])} is absurd; in SI at most 1e30 in size, at least 1e-30")
         if column in ("np", "nq") and abs(values[column]) > 100:
             fault("S202", column, f"exponent {shorten(cells[column])} is absurd; at most 100 in size")
         if column == "pf" and not 0 < abs(values[column]) <= 1:
@@ -224,7 +235,9 @@ def decode_row(number: int, cells: Cells, units: Mapping[str, str], band: tuple[
             values.get(c) or parse_quantity(t, "V", per_unit) for c, t in zip(("v_min", "v_max"), band, strict=True)
         )
         if ends[0] >= ends[1]:
-            fault("S307", "v_min", "the lower end of the band is not below the upper end")
+            own = [c for c in ("v_min", "v_max") if c in cells]
+            told = f"the band is empty: {float_text(ends[0])} V to {float_text(ends[1])} V, one end by --band"
+            fault("S307", own[0] if own else "V0", told if len(own) < 2 else told.rpartition(",")[0])
     if faults:
         raise SpecError(tuple(faults))
     return Row(number, name, kind, _load(kind, values), values["V0"], (ends[0], ends[1]))

@@ -17,6 +17,7 @@ from typing import Any
 
 from certify.certificate import open_atomically
 from certify.kernel.errors import Fault, SpecError
+from certify.kernel.quantity import QuantityError, parse_decimal, shorten
 from certify.kernel.reader import Pair
 from certify.kernel.table import LoadTable, parse_band
 from certify.load_tables import Result, decide_spec, decide_table, footer, header
@@ -30,8 +31,11 @@ COLUMNS = (
 DIGITS = 12
 SHOWN = 12  # refuted or undecided loads listed one by one
 SHARES = tuple(Fraction(k, 100) for k in (50, 60, 70, 80, 85, 90, 95, 100))
-POWER_FACTORS = ("0.8", "0.9", "0.95", "1")
-MAX_FAULTS = 100
+POWER_FACTORS = ("0.8", "0.95", "1")
+MAX_FAULTS = 39  # kept, so that they and the number of the others are what a message shows
+MAX_BITS = 10_000  # of a number as text
+MAX_CELLS = 1000  # of a map, in each direction
+MAX_JOBS = 1000
 
 
 @lru_cache
@@ -93,8 +97,8 @@ def to_exact(result: Result) -> dict[str, Any]:
 
     def text(values: Sequence[Fraction] | Fraction | None) -> Any:
         if values is None or isinstance(values, Fraction):
-            return None if values is None else str(values)
-        return [str(x) for x in values]
+            return None if values is None else _rational(values)
+        return [_rational(x) for x in values]
 
     entry = {"row": result.number, "name": result.name, "verdict": result.verdict, "rule": result.rule}
     entry |= {"band": text(result.band), "critical": "none" if result.critical == () else text(result.critical)}
@@ -105,6 +109,12 @@ def to_exact(result: Result) -> dict[str, Any]:
     return {key: value for key, value in entry.items() if value not in (None, [])} | (
         {"faults": faults} if faults else {}
     )
+
+
+def _rational(x: Fraction) -> str:
+    """Exact, unless it has more digits than Python writes: then it is a bound from above, and rounded up."""
+    size = max(x.numerator.bit_length(), x.denominator.bit_length())
+    return str(x) if size <= MAX_BITS else decimal(x, up=True, digits=40)
 
 
 class Writer:
@@ -228,13 +238,39 @@ def _check_outputs(options: Any, is_spec: bool) -> None:
             faults.append(Fault("U001", option, f"cannot write {path}: it is the table itself"))
         elif target.is_dir() or not target.parent.is_dir():
             faults.append(Fault("U001", option, f"cannot write {path}: no such folder, or it is a folder itself"))
+    if options.output and options.cert and Path(options.output).resolve() == Path(options.cert).resolve():
+        faults.append(Fault("U001", "--cert", f"cannot write {options.cert}: -o names the same file"))
     if options.output and not options.output.lower().endswith((".csv", ".json")):
         faults.append(Fault("U001", "-o", f"{options.output} ends neither in .csv nor in .json"))
     if is_spec and options.cert:
         faults.append(Fault("U001", "--cert", "the certificate of a spec is written by `certify prove`"))
+    if options.jobs is not None and not 0 < options.jobs <= MAX_JOBS:
+        faults.append(Fault("U001", "--jobs", f"expected a number from 1 to {MAX_JOBS}, got {options.jobs}"))
+    if options.plot is not None:
+        faults += _of_figures(options)
     if faults:
         raise SpecError(tuple(faults))
     parse_band(options.band)
+
+
+def _of_figures(options: Any) -> list[Fault]:
+    faults, folder = [], Path(options.plot)
+    if (folder.exists() and not folder.is_dir()) or not folder.absolute().parent.is_dir():
+        faults.append(
+            Fault("U001", "--plot", f"cannot write to {folder}: no such folder to make it in, or it is a file")
+        )
+    for text in options.power_factor or ():
+        try:
+            good = 0 < parse_decimal(text) <= 1
+        except QuantityError:
+            good = False
+        if not good:
+            faults.append(
+                Fault("U001", "--power-factor", f"expected a number above 0 and at most 1, got {shorten(text)}")
+            )
+    if not 2 <= options.cells <= MAX_CELLS:
+        faults.append(Fault("U001", "--cells", f"expected a number from 2 to {MAX_CELLS}, got {options.cells}"))
+    return faults
 
 
 def _codes(summary: Summary, exit_codes: dict[str, int]) -> set[int]:
@@ -290,6 +326,8 @@ def _open(result: Result) -> str:
     name = f"row {result.number}" + (f" ({result.name})" if result.name else "")
     if result.verdict != "refuted":
         return f"  {name}: {result.verdict}"
+    if result.violation is None:
+        return f"  {name}: fails between two voltages of its disk"
     at = f"fails at {_volts(result.violation, result.base)}"
     if result.critical == ():
         return f"  {name}: {at}, and not even monotone around the top of its band"
@@ -298,9 +336,7 @@ def _open(result: Result) -> str:
     return f"  {name}: {at}"
 
 
-def _volts(x: Fraction | None, base: Fraction | None, up: bool = False) -> str:
-    if x is None:
-        return "a voltage"
+def _volts(x: Fraction, base: Fraction | None, up: bool = False) -> str:
     return f"{decimal(x / base, up, 6)} pu" if base else f"{decimal(x, up, 6)} V"
 
 

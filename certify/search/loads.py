@@ -7,6 +7,7 @@ from fractions import Fraction
 from itertools import pairwise
 
 from certify.kernel import loads
+from certify.kernel.claims import Context
 from certify.kernel.errors import RuleFailure
 from certify.kernel.load_proofs import Case
 from certify.kernel.model import LoadLaw, Pieces, law_at, law_corners, less_conductance
@@ -15,7 +16,7 @@ from certify.kernel.powers import PRECISIONS
 from certify.kernel.reader import Pair
 from certify.search.proposal import Proposal, to_rows, to_text
 from certify.search.roots import round_to_digits
-from certify.search.voltages import find_pairs, find_touching, find_violations, is_violated, least_eigenvalue
+from certify.search.voltages import find_pairs, find_touching, find_violations, least_eigenvalue, may_be_violated
 
 MAX_CELLS = 1000
 MAX_CUTS = 40  # of a band into cells for Bernstein coefficients; where it takes more, Sturm sequences cost less
@@ -37,12 +38,29 @@ def propose_load(pieces: Pieces, strongly: bool = False, method: str | None = No
     cases = [case for _, case in corners]
     if method == "sampled":
         yield Proposal("conditional", "sampled", {"points": str(max(SAMPLES // len(cases), 1))})
-    if any(is_violated(law, band) for band, law in cases):
+    first = any(may_be_violated(law, band) for band, law in cases)
+    if first:
         yield from _refutations(pieces)
     if strongly:
         yield from _strongly(cases, method)
     yield from _proofs(cases, method)
-    yield from _refutations(pieces)
+    if not first:
+        yield from _refutations(pieces)
+
+
+def propose_disk(context: Context, node: str, strongly: bool = False, method: str | None = None) -> Iterator[Proposal]:
+    """The same for a load given by its current: by sums of squares, or evidence if that is asked for."""
+    from certify.search.currents import propose_current
+
+    if method == "sampled":
+        yield Proposal("conditional", "sampled", {"points": str(SAMPLES)})
+    try:
+        law, centre, radius = context.disk(node)
+    except RuleFailure:  # the sum of the loads is too large
+        return
+    for proposal in propose_current(law, centre, radius, strongly):
+        if proposal.status == "refuted" or method in (None, "sos"):
+            yield proposal
 
 
 def _refutations(pieces: Pieces) -> Iterator[Proposal]:

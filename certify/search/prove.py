@@ -10,11 +10,11 @@ from certify.kernel.check import proof_key
 from certify.kernel.claims import Context, assumptions, but_for_a_shortage, overall, statements
 from certify.kernel.data import Data
 from certify.kernel.errors import RuleFailure
-from certify.kernel.loads import lipschitz_bound
+from certify.kernel.load_proofs import lipschitz
 from certify.kernel.proofs import HOLDS, RULES, least_resistance
 from certify.kernel.spec import Microgrid
 from certify.search.dgu import propose_dgu
-from certify.search.loads import propose_load
+from certify.search.loads import propose_disk, propose_load
 from certify.search.proposal import Proposal
 from certify.search.roots import magnitude
 
@@ -22,6 +22,7 @@ from certify.search.roots import magnitude
 REASONS = {
     "dgu": "P201",
     "load": "P202",
+    "current": "P211",
     "island": "P203",
     "microgrid": "P204",
     "branch": "P205",
@@ -89,6 +90,12 @@ class Search:
             pieces = self.context.pieces(what)
             strongly = what in self.context.shortages
             found = self._first("load", what, (pieces, strongly), lambda: propose_load(pieces, strongly, self.method))
+        elif kind == "current":
+            strongly, node = what in self.context.shortages, self.context.nodes[what]
+            content = (node.current, node.loads, strongly)
+            found = self._first(
+                "current", what, content, lambda: propose_disk(self.context, what, strongly, self.method)
+            )
         elif kind == "island":
             found = self._first("island", what, None, lambda: self._pins(what))
             if found is None:
@@ -185,7 +192,7 @@ class Search:
         context, status = self.context, self.context.status
         short = [node for node in island if node in context.shortages]
         useless = [node for node in short if self._is_large(node)]
-        others = (f"load/{node}" for node in island if context.nodes[node].band_volt)
+        others = (f"load/{node}" for node in island if context.nodes[node].has_static_load)
         dgus = (f"dgu/{node}" for node in island if context.nodes[node].dgu)
         if not useless and all(status[claim] in HOLDS for claim in (*others, *dgus)):
             useless = short  # what remains is that the lines do not make up for all of them together
@@ -206,9 +213,12 @@ class Search:
         least = min((least_resistance(branch) for branch in branches), default=None)
         if least is not None and 2 * shortage * len(branches) >= least:
             return True
-        if context.nodes[node].band_volt is None or context.status[f"load/{node}"] != "proved":
+        if not context.nodes[node].has_static_load or context.status[f"load/{node}"] != "proved":
             return False
-        return context.moduli.get(node, 0) <= 2 * shortage * lipschitz_bound(context.pieces(node)) ** 2
+        try:
+            return context.moduli.get(node, 0) <= 2 * shortage * lipschitz(context, node) ** 2
+        except RuleFailure:  # no constant is known
+            return True
 
     def _pins(self, island: tuple[str, ...]) -> Iterator[Proposal]:
         """Where V~ = 0 may follow: a strictly monotone load, a series branch, then the DGUs."""
@@ -234,7 +244,7 @@ class Search:
                 return "P206"
             if len(self.context.corners(subject[1])) > 1:
                 return "P208" if self.context.port(subject[1]).capacitance_farad is not None else "P209"
-        if subject[0] == "load" and self.method:
+        if subject[0] in ("load", "current") and self.method:
             return "P210"
         return REASONS[subject[0]]
 

@@ -15,6 +15,7 @@ from certify.search.roots import find_negative_point, round_to_digits, square_ro
 
 FINE_BITS = 600  # of the values from which a pair of voltages is built
 GRID = 32
+HUGE = 1e150
 
 
 def _floats(terms: Iterable[PowerTerm]) -> list[tuple[float, ...]]:
@@ -27,9 +28,12 @@ def _floats(terms: Iterable[PowerTerm]) -> list[tuple[float, ...]]:
 
 def float_law(law: LoadLaw) -> Callable[[float], tuple[float, float, float]]:
     """G, G + v G' and v B' as functions of v, in floats: for looking around only. Zeros where floats overflow."""
-    active, reactive = (
-        [(c / base**2, base, e - 2) for c, base, e in _floats(part)] for part in (law.active, law.reactive)
-    )
+    try:
+        active, reactive = (
+            [(c / base**2, base, e - 2) for c, base, e in _floats(part)] for part in (law.active, law.reactive)
+        )
+    except (OverflowError, ZeroDivisionError):
+        return lambda _: (0.0, 0.0, 0.0)
 
     def values(v: float) -> tuple[float, float, float]:
         G = radial = cross = 0.0
@@ -39,9 +43,10 @@ def float_law(law: LoadLaw) -> Callable[[float], tuple[float, float, float]]:
                 G, radial = G + value, radial + value * (e + 1)
             for c, base, e in reactive:
                 cross -= c * (v / base) ** e * e
-        except OverflowError:
+        except (OverflowError, ZeroDivisionError):
             return 0.0, 0.0, 0.0
-        return G, radial, cross
+        # what is so large that its square would overflow is as unknown as what does
+        return (G, radial, cross) if abs(G) + abs(radial) + abs(cross) < HUGE else (0.0, 0.0, 0.0)
 
     return values
 
@@ -70,16 +75,17 @@ def least_eigenvalue(law: LoadLaw, band: Pair, points: int = 24) -> float:
     return least
 
 
-def is_violated(law: LoadLaw, band: Pair, points: int = 16) -> bool:
-    """Whether floats show plainly that G or D is negative somewhere on a coarse grid."""
+def may_be_violated(law: LoadLaw, band: Pair, points: int = 16) -> bool:
+    """Whether G or D is negative at one of a few voltages, or so small that a refutation should be tried first."""
     low, high = float(band[0] or band[1] / 2**20), float(band[1])
     values = float_law(law)
-    for k in range(points + 1):
-        G, radial, cross = values(low + (high - low) * k / points)
-        D, size = G * radial - cross * cross / 4, abs(G * radial) + cross * cross
-        if G < 0 or D + 1e-9 * size < 0:
-            return True
-    return False
+    return any(_is_below(1e-4, *values(low + (high - low) * k / points)) for k in range(points + 1))
+
+
+def _is_below(share: float, G: float, radial: float, cross: float) -> bool:
+    """Whether G or D is below a share of the size of the Jacobian."""
+    size = abs(G) + abs(radial) + abs(cross)
+    return share * size > G or share * size**2 > G * radial - cross * cross / 4
 
 
 def _inside(v: float, band: Pair) -> Fraction:
@@ -101,14 +107,14 @@ def find_violations(law: LoadLaw, band: Pair) -> list[Fraction]:
     for k in range(GRID + 1):
         v = low + (high - low) * k / GRID
         G, radial, cross = values(v)
-        D = G * radial - cross**2 / 4
-        if min(G, D) < 0:
+        if _is_below(-1e-9, G, radial, cross):  # by more than rounding explains
+            D = G * radial - cross**2 / 4
             found.append((D if D < 0 else G * abs(G), v))
     if found:
         found.sort()
         return [_inside(v, band) for v in (found[0][1], found[len(found) // 2][1])]
     if not loads.is_polynomial(law):
-        return [v for v in _lowest(law, band) if min(x[0] for x in loads.jacobian_enclosure(law, v, FINE_BITS)) < 0]
+        return [v for v in _lowest(law, band) if min(x[1] for x in loads.jacobian_enclosure(law, v, FINE_BITS)) < 0]
     for p in loads.jacobian_polynomials(law)[::-1]:
         omega = find_negative_point(to_polynomial(poly.bernstein_signs(p, *band)))  # the band, carried to x > 0
         if omega is not None:
@@ -123,7 +129,7 @@ def _lowest(law: LoadLaw, band: Pair) -> list[Fraction]:
     values = [G * radial - cross**2 / 4 for G, radial, cross in looks]
     found = [band[0] or grid[0], band[1]]
     for k in range(1, len(grid) - 1):
-        if values[k] <= min(values[k - 1], values[k + 1]):
+        if any(looks[k]) and values[k] <= min(values[k - 1], values[k + 1]):
             v = grid[k]
             for _ in range(12):
                 _, slope, bend = _middles(law, v)
@@ -185,7 +191,10 @@ def find_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fr
 
 def _plain_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fraction]]:
     """A pair that floats find and can trust: most loads that are not monotone are so by far."""
-    terms = [_floats(part) for part in (law.active, law.reactive)]
+    try:
+        terms = [_floats(part) for part in (law.active, law.reactive)]
+    except OverflowError:
+        return
     low = band[0] or v / 2
     for k in (1, 2, 4, 6, 8):
         step = (band[1] - band[0]) / 2**k
@@ -197,7 +206,7 @@ def _plain_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, 
             (P_a, Q_a), (P_b, Q_b) = ([sum(c * (u / s) ** e for c, s, e in part) for part in terms] for u in (x, y))
             conductance, susceptance = P_a / x**2 + P_b / y**2, Q_b / y**2 - Q_a / x**2
             half_angle = math.atan2(susceptance, conductance) / 2
-            if abs(half_angle) > 1.5:
+            if not abs(half_angle) <= 1.5:
                 continue
             t = round_to_digits(Fraction(math.tan(half_angle)), 3)
             angle = 2 * math.atan(float(t))
