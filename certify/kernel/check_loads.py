@@ -26,7 +26,6 @@ from certify.kernel.table import Cells, LoadTable, Row, decode_row, parse_band
 
 FORMAT = "certify/loads@1"
 CRITICAL_WIDTH = Fraction(1, 10**9)  # of the bracket of a critical voltage, relative
-STATUSES = ("proved", "refuted", "conditional", "unknown")
 
 
 @dataclass(frozen=True)
@@ -103,14 +102,10 @@ def _require_violation(pieces: Pieces, v: Fraction) -> None:
     require(shown, "the load is not shown to fail below its critical voltage")
 
 
-def read_row(
-    number: int, cells: Cells | Fault, units: dict[str, str], band: tuple[str, str]
-) -> Row | tuple[Fault, ...]:
-    """The load of a row, or every fault that keeps it from being one."""
-    if isinstance(cells, Fault):
-        return (cells,)
+def read_row(n: int, cells: Cells | Fault, units: dict[str, str], band: tuple[str, str]) -> Row | tuple[Fault, ...]:
+    """The load of row n, or every fault that keeps it from being one."""
     try:
-        return decode_row(number, cells, units, band)
+        return decode_row(n, cells, units, band) if isinstance(cells, dict) else (cells,)
     except SpecError as error:
         return error.faults
 
@@ -150,8 +145,7 @@ def check_table(table: bytes, certificate: bytes) -> Iterator[RowVerdict]:
     ends = parse_band((band[0], band[1]))
     rows, counts = LoadTable(table), Counter[str]()
     for number, cells in rows:
-        line = _parse(next(lines, b""), f"row {number}")
-        result = check_row(number, read_row(number, cells, rows.units, ends), line)
+        result = check_row(number, read_row(number, cells, rows.units, ends), _parse(next(lines, b""), f"row {number}"))
         counts[result.verdict.status if result.verdict else "bad input"] += 1
         yield result
     if _parse(next(lines, b""), "last line", {"total"})["total"] != dict(counts) or next(lines, None) is not None:
