@@ -247,9 +247,9 @@ def report(tables: dict[str, list[Cells]], results: dict[str, list[Cells]]) -> s
 
 def draw(folder: Path, tables: dict[str, list[Cells]], results: dict[str, list[Cells]]) -> None:
     from certify.report.figures import save
+    from certify.report.load_figures import _per_unit, _word
     from certify.report.load_maps import exponent_map
     from certify.report.load_plots import margin_figure
-    from certify.report.loads import _per_unit, _word
     from certify.search.maps import exponents_hold
 
     band = _per_unit(BAND)

@@ -22,7 +22,9 @@ LAYERS = [
     "editing",
     "synthesis",
     "tolerance",
+    "load_tables",
     "report",
+    "options",
     "cli",
 ]  # an arrow points from left to right only
 LIMIT = 2_700  # lines of code that a certificate of a microgrid rests on; "small enough to read in one sitting"

@@ -1,147 +1,30 @@
-"""What `certify loads` writes: a row of results for each load, a summary, and figures."""
+"""`certify loads`: decide a table or a spec, write what the options ask for, and sum it up for a terminal."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-import math
+import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
-from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Context
 from fractions import Fraction
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from certify.certificate import open_atomically
+from certify.inputs import decode_all, read
 from certify.kernel.errors import Fault, SpecError
-from certify.kernel.quantity import QuantityError, parse_decimal, shorten
-from certify.kernel.reader import Pair
-from certify.kernel.spec import ExpLoad, ZipLoad
-from certify.kernel.table import LoadTable, parse_band
+from certify.kernel.reader import read_document
+from certify.kernel.table import MAX_TABLE_BYTES, LoadTable, parse_band
 from certify.load_tables import Result, decide_spec, decide_table, footer, header
+from certify.report import load_figures
+from certify.report.load_results import Writer, decimal, to_exact
 from certify.report.text import approximate, paint, render_faults, table
-from certify.search.maps import exponents_hold, fractions_hold
 
-COLUMNS = (
-    *("row", "name", "verdict", "rule", "from_V", "to_V", "critical_V", "critical_pu", "strict", "margin_pu"),
-    *("modulus_S", "lipschitz_S", "violation_V", "pair_a_V", "pair_b_V", "pair_angle_deg", "product_W", "faults"),
-)
-DIGITS = 12
 SHOWN = 12  # refuted or undecided loads listed one by one
 SHARES = tuple(Fraction(k, 100) for k in (50, 60, 70, 80, 85, 90, 95, 100))
-POWER_FACTORS = ("0.8", "0.95", "1")
 MAX_FAULTS = 39  # kept, so that they and the number of the others are what a message shows
-MAX_BITS = 10_000  # of a number as text
-MAX_CELLS = 1000  # of a map, in each direction
 MAX_JOBS = 1000
-
-
-@lru_cache
-def _contexts(up: bool, digits: int) -> tuple[Context, Context]:
-    """Of the result, and of the division before it is rounded."""
-    rounding = ROUND_CEILING if up else ROUND_HALF_EVEN
-    precisions = (digits, max(60, digits))
-    first, second = (Context(prec=p, rounding=rounding, Emax=999_999, Emin=-999_999) for p in precisions)
-    return first, second
-
-
-def decimal(x: Fraction | None, up: bool = False, digits: int = DIGITS) -> str:
-    """So many significant digits, rounded to the nearest, or up.
-
-    >>> decimal(Fraction(2, 3)), decimal(Fraction(1, 3), up=True, digits=3), decimal(Fraction(20000))
-    ('0.666666666667', '0.334', '20000')
-    """
-    if x is None:
-        return ""
-    context, exact = _contexts(up, digits)
-    value = context.plus(exact.divide(*(exact.create_decimal(n) for n in x.as_integer_ratio())))
-    text = f"{value:f}" if -7 < value.adjusted() < 15 else str(value)
-    return text.rstrip("0").rstrip(".") if "." in text and "E" not in text else text
-
-
-def to_cells(result: Result) -> dict[str, str]:
-    """A result as text: decimals of twelve digits, a bound rounded to its safe side."""
-    top = None if not result.critical else result.critical[1]
-    per_unit = None if top is None or not result.base else top / result.base
-    never = "none" if result.critical == () else ""
-    angle = "" if result.tangent is None else f"{math.degrees(2 * math.atan(float(result.tangent))):.9g}"
-    a, b = result.pair or (None, None)
-    ends = result.band or (None, None)
-    values = (
-        str(result.number),
-        result.name,
-        result.verdict,
-        result.rule or "",
-        decimal(ends[0]),
-        decimal(ends[1]),
-        never or decimal(top, up=True),
-        never or decimal(per_unit, up=True),
-        ("yes" if result.strict else "no") if result.verdict == "proved" else "",
-        "" if result.margin is None else f"{result.margin:.6g}",
-        decimal(result.modulus),
-        decimal(result.lipschitz, up=True),
-        decimal(result.violation),
-        decimal(a),
-        decimal(b),
-        angle,
-        decimal(result.product, up=True),
-        "; ".join(f"{fault.path}: {fault.message}" for fault in result.faults),
-    )
-    return dict(zip(COLUMNS, values, strict=True))
-
-
-def to_exact(result: Result) -> dict[str, Any]:
-    """A result for machines: exact rationals as text."""
-
-    def text(values: Sequence[Fraction] | Fraction | None) -> Any:
-        if values is None or isinstance(values, Fraction):
-            return None if values is None else _rational(values)
-        return [_rational(x) for x in values]
-
-    entry = {"row": result.number, "name": result.name, "verdict": result.verdict, "rule": result.rule}
-    entry |= {"band": text(result.band), "critical": "none" if result.critical == () else text(result.critical)}
-    entry |= {"strict": result.strict, "margin": result.margin, "modulus": text(result.modulus)}
-    entry |= {"lipschitz": text(result.lipschitz), "violation": text(result.violation), "pair": text(result.pair)}
-    entry |= {"tangent": text(result.tangent), "product": text(result.product)}
-    faults = [{"code": f.code, "path": f.path, "message": f.message} for f in result.faults]
-    return {key: value for key, value in entry.items() if value not in (None, [])} | (
-        {"faults": faults} if faults else {}
-    )
-
-
-def _rational(x: Fraction) -> str:
-    """Exact, unless it has more digits than Python writes: then it is a bound from above, and rounded up."""
-    size = max(x.numerator.bit_length(), x.denominator.bit_length())
-    return str(x) if size <= MAX_BITS else decimal(x, up=True, digits=40)
-
-
-class Writer:
-    """Results as they come, to a CSV or JSON file that appears only when it is whole."""
-
-    def __init__(self, stack: ExitStack, path: str) -> None:
-        self.file = stack.enter_context(open_atomically(Path(path)))
-        self.is_json = path.lower().endswith(".json")
-        self.count = 0
-        self.write("[" if self.is_json else ",".join(COLUMNS) + "\n")
-
-    def write(self, text: str) -> None:
-        self.file.write(text.encode())
-
-    def add(self, result: Result) -> None:
-        if self.is_json:
-            self.write((",\n" if self.count else "\n") + json.dumps(to_exact(result), ensure_ascii=False))
-        else:
-            line = io.StringIO()
-            csv.DictWriter(line, COLUMNS, lineterminator="\n").writerow(to_cells(result))
-            self.write(line.getvalue())
-        self.count += 1
-
-    def end(self) -> None:
-        if self.is_json:
-            self.write("\n]\n")
 
 
 class Summary:
@@ -180,10 +63,6 @@ def run(options: Any, progress: Any, exit_codes: dict[str, int], worst_first: It
 
     Raises: SpecError for a file that is neither, or for options that do not fit.
     """
-    from certify.inputs import decode_all, read
-    from certify.kernel.reader import read_document
-    from certify.kernel.table import MAX_TABLE_BYTES
-
     data = read(options.table, MAX_TABLE_BYTES)
     is_spec = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"{" or (options.table.endswith(".toml"))
     _check_outputs(options, is_spec)
@@ -215,13 +94,11 @@ def run(options: Any, progress: Any, exit_codes: dict[str, int], worst_first: It
             writer.end()
     files = [path for path in (options.output, options.cert) if path]
     if options.plot is not None:
-        files += _plot(options, summary)
+        files += load_figures.draw_figures(options, summary.results)
     code = next(c for c in worst_first if c in _codes(summary, exit_codes))
     if options.json:
         print(json.dumps(_as_dict(options.table, summary, files, code), indent=1, ensure_ascii=False))
     else:
-        import sys
-
         print(render(options.table, summary, None if is_spec else options.band, files, sys.stdout.isatty()))
         if summary.faults:
             print(render_faults(_listed(summary), options.table, sys.stderr.isatty()), file=sys.stderr)
@@ -248,30 +125,10 @@ def _check_outputs(options: Any, is_spec: bool) -> None:
     if options.jobs is not None and not 0 < options.jobs <= MAX_JOBS:
         faults.append(Fault("U001", "--jobs", f"expected a number from 1 to {MAX_JOBS}, got {options.jobs}"))
     if options.plot is not None:
-        faults += _of_figures(options)
+        faults += load_figures.find_faults(options)
     if faults:
         raise SpecError(tuple(faults))
     parse_band(options.band)
-
-
-def _of_figures(options: Any) -> list[Fault]:
-    faults, folder = [], Path(options.plot)
-    if (folder.exists() and not folder.is_dir()) or not folder.absolute().parent.is_dir():
-        faults.append(
-            Fault("U001", "--plot", f"cannot write to {folder}: no such folder to make it in, or it is a file")
-        )
-    for text in options.power_factor or ():
-        try:
-            good = 0 < parse_decimal(text) <= 1
-        except QuantityError:
-            good = False
-        if not good:
-            faults.append(
-                Fault("U001", "--power-factor", f"expected a number above 0 and at most 1, got {shorten(text)}")
-            )
-    if not 2 <= options.cells <= MAX_CELLS:
-        faults.append(Fault("U001", "--cells", f"expected a number from 2 to {MAX_CELLS}, got {options.cells}"))
-    return faults
 
 
 def _codes(summary: Summary, exit_codes: dict[str, int]) -> set[int]:
@@ -339,74 +196,3 @@ def _open(result: Result) -> str:
 
 def _volts(x: Fraction, base: Fraction | None, up: bool = False) -> str:
     return f"{decimal(x / base, up, 6)} pu" if base else f"{decimal(x, up, 6)} V"
-
-
-# --- figures ------------------------------------------------------------------------------------------------
-
-
-def _plot(options: Any, summary: Summary) -> list[str]:
-    """Margins over voltage, and the maps of the kinds of loads that there are. Raises: SpecError."""
-    from certify.report.load_plots import exponent_map, fraction_map, margin_figure, save
-
-    band = _per_unit(options.band)
-    known = [r for r in summary.results if r.law is not None and r.base]
-    folder = Path(options.plot)
-    factors = [Fraction(text) for text in options.power_factor or POWER_FACTORS]
-    figures: dict[str, Any] = {}
-    if known:
-        laws = [(r.name or f"row {r.number}", r.law, r.base) for r in known if r.law is not None and r.base is not None]
-        statuses = [r.verdict if r.verdict in ("proved", "refuted") else "unknown" for r in known]
-        figures["margins"] = margin_figure(laws, band, statuses)
-    kinds = {type(r.load) for r in known} or {ExpLoad, ZipLoad}
-    if ExpLoad in kinds or kinds == {type(None)}:
-        figures["exponents"] = exponent_map(
-            factors,
-            band,
-            lambda np, nq, square: _word(exponents_hold(np, nq, square, band)),
-            [point for r in known if isinstance(r.load, ExpLoad) for point in _point(r)],
-            cells=options.cells,
-        )
-    if ZipLoad in kinds or kinds == {type(None)}:
-        figures["fractions"] = fraction_map(
-            factors,
-            band,
-            lambda Zp, Pp, square: _word(fractions_hold(Zp, Pp, square, band)),
-            [point for r in known if isinstance(r.load, ZipLoad) for point in _point(r)],
-            cells=options.cells,
-        )
-    written = []
-    try:
-        folder.mkdir(exist_ok=True)
-        for name, figure in figures.items():
-            for suffix in ("svg", "png"):
-                path = folder / f"{name}.{suffix}"
-                save(figure, path)
-                written.append(str(path))
-    except OSError as error:
-        raise SpecError((Fault("U001", "--plot", f"cannot write to {folder}: {error.strerror}"),)) from None
-    return written
-
-
-def _point(result: Result) -> Iterator[tuple[Fraction, Fraction, Fraction]]:
-    """Where a load stands on the map of its kind, and its power factor; none if it draws no active power at V0."""
-    load, base = result.load, result.base
-    if load is None or base is None:
-        return
-    if isinstance(load, ExpLoad):
-        P, Q, place = load.P0_watt, load.Q0_var, (load.np, load.nq)
-    else:
-        P, Q = (load.Y[k] * base**2 + load.I[k] * base + load.P[k] for k in (0, 1))
-        place = (load.Y[0] * base**2 / P, load.P[0] / P) if P else (P, P)
-    if P > 0:
-        yield (*place, Fraction(math.cos(math.atan2(Q, P))))
-
-
-def _per_unit(band: Sequence[str]) -> Pair:
-    from certify.kernel.quantity import parse_quantity
-
-    low, high = (parse_quantity(text, "V", {"V": Fraction(1)}) for text in band)
-    return low, high
-
-
-def _word(holds: bool | None) -> str:
-    return "unknown" if holds is None else "proved" if holds else "refuted"

@@ -1,0 +1,139 @@
+"""The commands and their options: what a command line may say. No command is run, and nothing heavy imported."""
+
+from __future__ import annotations
+
+import argparse
+
+from certify import __version__
+from certify.search.methods import METHODS
+
+EXITS = (
+    "exit codes: 0 certified, 1 refuted, 2 usage or bad input, 3 unknown or conditional, 4 certificate rejected,\n"
+    "70 internal error"
+)
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of all commands; `command` is the name of the one given."""
+    parser = argparse.ArgumentParser(
+        prog="certify", description="Exact, checkable proofs of the stability of islanded AC microgrids.", epilog=EXITS
+    )
+    parser.add_argument("--version", action="version", version=f"certify {__version__}")
+
+    def add_method(sub: argparse.ArgumentParser) -> None:
+        text = "how loads are proved; by default the cheapest way that decides. `sampled` is evidence, never a proof"
+        sub.add_argument("--method", choices=METHODS, help=text)
+
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(name: str, text: str, example: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(
+            name,
+            help=text,
+            description=text,
+            epilog=f"example:\n  {example}\n\n{EXITS}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        sub.add_argument("--json", action="store_true", help="print the result as JSON")
+        return sub
+
+    prove = command(
+        "prove",
+        "search for proofs and write a certificate",
+        "certify prove specs/cigre-mv.toml -o cigre.cert.json",
+    )
+    prove.add_argument("spec", metavar="SPEC", help="the microgrid, TOML or JSON")
+    prove.add_argument("-o", "--output", metavar="CERT", help="where to write the certificate")
+    prove.add_argument("--all", action="store_true", help="list every claim")
+    add_method(prove)
+
+    check = command(
+        "check",
+        "check a certificate with the kernel alone",
+        "certify check specs/cigre-mv.toml cigre.cert.json",
+    )
+    check.add_argument("spec", metavar="SPEC", help="the microgrid that the certificate is about")
+    check.add_argument("certificate", metavar="CERT", help="the certificate")
+    check.add_argument("--all", action="store_true", help="list every claim")
+
+    gate = command(
+        "gate",
+        "prove many specs; the exit code is the worst of all: 4, then 2, 1, 3, 0",
+        "certify gate specs/cigre-mv.toml specs/two-inverters.toml",
+    )
+    gate.add_argument("specs", metavar="SPEC", nargs="+", help="microgrids, TOML or JSON")
+    gate.add_argument(
+        "--allow",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="an assumption of the ledger that a verdict may rest on, such as sampled/9; may be given again",
+    )
+    add_method(gate)
+
+    explain = command("explain", "explain a code or a rule, or tell a certificate in words", "certify explain S304")
+    explain.add_argument("subject", metavar="CODE|CERT", help="a code or rule of a message, or a certificate")
+    explain.add_argument("spec", metavar="SPEC", nargs="?", help="the spec of the certificate")
+
+    synth = command(
+        "synth",
+        "design the gains of one DGU from wishes, and certify the network with them",
+        "certify synth specs/cigre-mv.toml --node 1 --settle 50ms -o new.toml --cert new.cert.json",
+    )
+    synth.add_argument("spec", metavar="SPEC", help="the microgrid, TOML or JSON")
+    synth.add_argument("--node", metavar="NODE", required=True, help="the node whose DGU gets new gains")
+    synth.add_argument(
+        "--settle",
+        metavar="T",
+        help="2 %% settling time: every closed-loop mode of that DGU alone, with its node's capacitance and without "
+        "load, decays at least at rate 4/T; seconds unless a unit is given",
+    )
+    synth.add_argument("--decay", metavar="RATE", help="that rate itself, in 1/s")
+    synth.add_argument(
+        "--max-gain",
+        metavar="G",
+        help="no entry of K11 (no unit), K12 (ohm) and K13 (V per V s) is larger than G in absolute value; alone it "
+        "asks for the fastest design. Without it the smallest gains are sought; those below 1 count as 1",
+    )
+    synth.add_argument(
+        "--tolerance", metavar="SHARE", help='certify with such an error of the filter\'s R, L and C, e.g. "5 %%"'
+    )
+    synth.add_argument("--kind", default="pi", help="pi (state feedback, the default) or ida-pbc")
+
+    tolerance = command(
+        "tolerance",
+        "find the largest tolerance with which the network is still certified",
+        "certify tolerance specs/cigre-mv.toml --of filter -o tolerant.toml",
+    )
+    tolerance.add_argument("spec", metavar="SPEC", help="the microgrid, TOML or JSON")
+    tolerance.add_argument(
+        "--of",
+        metavar="KINDS",
+        help="which parts may be off, all at once and each on its own: some of filter,line,load (default: all); "
+        "parts with a tolerance of their own keep it",
+    )
+    loads = command(
+        "loads",
+        "decide every load of a table (CSV or JSON), or of a spec",
+        "certify loads loads.csv --band 0.9pu 1.1pu -o results.csv --cert loads.cert.jsonl",
+    )
+    loads.add_argument("table", metavar="TABLE", help="loads, one in each row; `certify explain loads` has the columns")
+    loads.add_argument(
+        "--band",
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        default=("0.9 pu", "1.1 pu"),
+        help="where loads must be monotone; V0 of a row is 1 pu (default: 0.9 pu to 1.1 pu)",
+    )
+    loads.add_argument("-o", "--output", metavar="FILE", help="where to write the results, .csv or .json")
+    loads.add_argument("--cert", metavar="CERT", help="where to write the certificate, one line for each row")
+    loads.add_argument("--keep-going", action="store_true", help="decide the other rows if some cannot be read")
+    loads.add_argument("--plot", metavar="FOLDER", help="draw margins over voltage and maps of pass and fail there")
+    loads.add_argument("--power-factor", metavar="PF", action="append", help="of a map; may be given again")
+    loads.add_argument("--cells", metavar="N", type=int, default=61, help="of a map, in each direction (default: 61)")
+    loads.add_argument("--jobs", metavar="N", type=int, help="processes (default: all cores for large tables)")
+    add_method(loads)
+    for sub in (synth, tolerance):
+        sub.add_argument("-o", "--output", metavar="OUT_SPEC", help="where to write the new spec, if it is certified")
+        sub.add_argument("--cert", metavar="CERT", help="where to write the certificate of the new spec; needs -o")
+    return parser
