@@ -178,6 +178,8 @@ def run_gate(options: argparse.Namespace) -> int:
         else:
             open_claims = [c for c in certificate.verdict.claims if c.status != "proved"]
             detail = [f"{c.status} {c.id} ({c.rule or certificate.notes.get(c.id)})" for c in open_claims]
+            names = [name for name, _ in certificate.verdict.assumptions if name.startswith("sampled/")]
+            detail += [f"to pass, it needs --allow {name}" for name in names if name not in options.allow]
             entry |= {"outcome": certificate.verdict.outcome, "detail": detail}
             needed = {name for name, _ in certificate.verdict.assumptions if name.startswith("sampled/")}
             allowed = entry["outcome"] == "conditional" and needed <= set(options.allow)
@@ -215,6 +217,9 @@ def run_explain(options: argparse.Namespace) -> int:
     if options.spec is None:
         message = "a certificate is told with its spec, because nothing in it is believed unchecked"
         return _bad_input(options, (Fault("U001", "SPEC", message),), "explain")
+    if _is_about_loads(subject):
+        message = "a certificate of a table is told by `certify check TABLE CERT`; `certify loads TABLE` decides again"
+        return _bad_input(options, (Fault("U001", "CODE|CERT", message),), "explain")
     from certify.report.text import tell
 
     def told(verdict: Any, notes: dict[str, str]) -> int:
@@ -249,7 +254,7 @@ def run_tolerance(options: argparse.Namespace) -> int:
 def run_loads(options: argparse.Namespace) -> int:
     from certify.report.loads import run
 
-    options.band = tuple(options.band)
+    options.band = tuple(options.band) if options.band else None
     try:
         with _progress(f"deciding {options.table}") as progress:
             return run(options, progress, EXIT_CODES, WORST_FIRST)

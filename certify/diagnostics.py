@@ -48,7 +48,8 @@ _ALL = (
         "S002",
         "not valid TOML or JSON",
         "A file that starts with { is read as JSON, any other as TOML.",
-        "the message names the place; a smallest spec is in `certify explain S002`",
+        "the message names the place; a smallest spec is in `certify explain S002`. A table of loads is for `certify "
+        "loads`",
         _SMALLEST,
     ),
     Diagnostic(
@@ -115,14 +116,15 @@ _ALL = (
         "S205",
         "formula cannot be read",
         "Formulas have numbers, names, + - * / ^ and parentheses; ^ takes a small whole number.",
-        "write it with these",
+        "write it with numbers, names, + - * / ^ and parentheses only; there are no functions",
         'K11 = "1 - kp*L"',
     ),
     Diagnostic(
         "S206",
         "unknown name in a formula",
-        "In scope are R, L, C, w0 of the controller's design, and the names of `let` before it.",
-        "define it in `let`",
+        "For gains R, L, C, w0 of the controller's design are in scope, and the names of `let` before it; for the "
+        "current of a load only Vd and Vq.",
+        "define it in `let` of the controller, or write the number",
         "let = { kp = 1000 }",
     ),
     Diagnostic("S207", "division by zero", "The gain has no value.", "check the numbers that the formula uses"),
@@ -173,13 +175,6 @@ _ALL = (
     ),
     Diagnostic("S306", "not defined", "Filters, controllers and line types are defined by name.", "define it"),
     Diagnostic(
-        "S308",
-        "a load given by its current that cannot be added up",
-        "The sum of the loads at a node must stay a quotient of polynomials in Vd and Vq, on one disk.",
-        "move the other loads to a node of their own, or write them into the formula",
-        'load = [{ kind = "current", I = ["Vd/50", "Vq/50"], centre = ["1 pu", "0 pu"], radius = "0.2 pu" }]',
-    ),
-    Diagnostic(
         "S307",
         "empty voltage band",
         "The claim on a load must hold between two voltages, the lower first.",
@@ -188,6 +183,13 @@ _ALL = (
     ),
     Diagnostic("S308", "no node", "A microgrid has at least one node with a DGU.", "define one"),
     Diagnostic("S309", "event out of time", "Events come before the end of their scenario.", "mend `at` or `end`"),
+    Diagnostic(
+        "S310",
+        "a load given by its current that cannot be added up",
+        "The sum of the loads at a node must stay a quotient of polynomials in Vd and Vq, on one disk.",
+        "move the other loads to a node of their own, or write them into the formula",
+        'load = [{ kind = "current", I = ["Vd/50", "Vq/50"], centre = ["1 pu", "0 pu"], radius = "0.2 pu" }]',
+    ),
     Diagnostic(
         "U001",
         "usage",
@@ -198,26 +200,26 @@ _ALL = (
         "K101",
         "not a certificate",
         "The file is not JSON of the certificate's shape.",
-        "write it again with `certify prove`",
+        "write it again with `certify prove SPEC -o CERT`, or `certify loads TABLE --cert CERT`",
     ),
     Diagnostic(
         "K102",
         "another format",
         "A certificate of another version says other things.",
-        "write it again with `certify prove`",
+        "write it again with `certify prove SPEC -o CERT`, or `certify loads TABLE --cert CERT`",
     ),
     Diagnostic(
         "K103",
         "about another spec",
-        "A certificate names its spec by a hash of all its bytes.",
-        "prove the changed spec: `certify prove SPEC -o CERT`",
+        "A certificate names its spec or table by a hash of all its bytes.",
+        "prove the changed file again: `certify prove SPEC -o CERT`, or `certify loads TABLE --cert CERT`",
     ),
     *(
         Diagnostic(
             code,
             title,
             "The certificate is not as the format has it, so nothing in it is believed.",
-            "write it again with `certify prove`",
+            "write it again with `certify prove SPEC -o CERT`, or `certify loads TABLE --cert CERT`",
         )
         for code, title in (
             ("K104", "proof does not match its key"),
@@ -234,7 +236,7 @@ _ALL = (
         "K201",
         "proof does not hold",
         "The kernel rebuilt the claim from the spec, and a side condition of the rule fails.",
-        "do not use this certificate; write it again with `certify prove`",
+        "do not use this certificate; write it again with `certify prove`, or `certify loads --cert`",
     ),
     Diagnostic(
         "T001",
@@ -268,12 +270,45 @@ _ALL = (
         'write "50 %", or use absolute coefficients Yp, Ip, Pp, Yq, Iq, Pq',
     ),
     Diagnostic(
+        "T104",
+        "columns that exclude each other",
+        "Q0 and the power factor say the same, and columns of two kinds of load cannot hold at once.",
+        "empty the cells of one",
+    ),
+    Diagnostic(
+        "T105",
+        "not a power factor",
+        "It is the ratio of active to apparent power at V0: negative if the current leads.",
+        'a number between -1 and 1 that is not zero, such as 0.9, or "90 %"',
+    ),
+    Diagnostic(
+        "T106",
+        "a band far from V0",
+        "Bare numbers are volts; a load is asked about around its own voltage.",
+        "write 0.9pu, or put [pu] into the header",
+    ),
+    Diagnostic(
+        "results",
+        "the results of `certify loads`",
+        "verdict and rule; from_V and to_V, the band; critical_V and critical_pu, the voltage from which on the load "
+        "is monotone up to the top of its band (an upper bound, by at most 1e-9; 0: from every voltage on; none: not "
+        "even at the top; empty: not found); strict, whether it is strictly so; modulus_S and lipschitz_S, proved "
+        "bounds m and Lambda with m |V - U|^2 <= <V - U, I(V) - I(U)> and |I(V) - I(U)| <= Lambda |V - U|; margin_pu,"
+        " the smallest eigenvalue of the symmetric part of the Jacobian over |S0| / V0^2: of a monotone load a proved"
+        " lower bound, of another the least on its band, in floats. If refuted: violation_V, where the linearised "
+        "load is active; pair_a_V, pair_b_V and pair_angle_deg, two voltages between which a disturbance gains "
+        "product_W. JSON has the same exactly, critical as a bracket, tangent of half the angle.",
+        "-o results.csv, or results.json for exact numbers",
+    ),
+    Diagnostic(
         "loads",
         "the columns of a table of loads",
-        "name (optional); V0; and one of: P0, Q0 or pf, Zp, Ip, Pp, Zq, Iq, Pq (fractions of P0 and Q0 at V0); Yp, Ip, "
-        "Pp, Yq, Iq, Pq (absolute, in S, A, W and S, A, var); P0, np, Q0 or pf, nq (exponents). v_min and v_max "
-        "(optional) are the row's own band. Bare numbers are SI; a unit may stand in the cell or in the header, as in "
-        "P0 [kW]. With a power factor Q0 = P0 tan(acos pf), to 40 digits; a negative one leads.",
+        "name (optional); V0; and one of: P0, Q0 or pf, Zp, Ip, Pp, Zq, Iq, Pq (fractions of P0 and Q0 at V0); Yp, "
+        "Ip, Pp, Yq, Iq, Pq (absolute, in S, A, W and S, A, var); P0, np, Q0 or pf, nq (exponents). v_min and v_max "
+        "(optional) are the row's own band. Bare numbers are SI; a unit may stand in the cell, or, in a CSV, in the "
+        "header for the cells that have none, as in P0 [kW]. If Q0 = 0 or pf = 1 the reactive columns may be left "
+        "out. With a power factor Q0 = P0 tan(acos pf), to 40 digits; a negative one leads. No other columns, so that"
+        " none is ignored.",
         "a CSV with one header line, or a JSON list of tables with these keys",
         """name,P0 [kW],pf,V0,Zp,Ip,Pp,Zq,Iq,Pq
 kettle,2,1,230,0.96,0.05,-0.01,0,0,1""",
@@ -444,7 +479,8 @@ kettle,2,1,230,0.96,0.05,-0.01,0,0,1""",
         "refutation: two voltages between which the load current falls",
         "At one voltage the linearised load is active, and for two voltages of the band <V - U, I(V) - I(U)> < 0, "
         "both checked exactly. It refutes monotonicity on the band, not stability of the network.",
-        "narrow the band to higher voltages, or reduce the constant-power share",
+        "a band in which the load is monotone (`certify loads SPEC` tells from where on), less constant power, or a "
+        "reactive exponent nearer to 2",
     ),
     Diagnostic(
         "skew-incidence",

@@ -32,7 +32,7 @@ from certify.kernel.spec import ExpLoad, Microgrid, ZipLoad
 from certify.kernel.table import Cells, LoadTable, parse_band
 from certify.search.analysis import analyse, find_entries
 from certify.search.loads import propose_disk
-from certify.search.voltages import float_law, smallest_eigenvalue
+from certify.search.voltages import least_eigenvalue
 
 CHUNK = 250  # rows decided at once
 MANY = 4000  # rows from which on it pays to start processes
@@ -45,8 +45,8 @@ class Result:
 
     `critical`: bracket of the voltage from which on the load is monotone, (0, 0) if from every voltage on, () if not
     even at the top of its band, None if unknown. `margin`: smallest eigenvalue of the symmetric part of the Jacobian on
-    the band, per unit of the load's admittance |S0| / V0^2: a proved lower bound if positive, else the value in floats
-    at `violation`. `pair` and `tangent` name the two voltages that refute, with the tangent of half their angle.
+    the band, per unit of the load's admittance |S0| / V0^2: a proved lower bound if the load is monotone, else the
+    least that floats see. `pair` and `tangent` name the two voltages that refute, with the tangent of half their angle.
     """
 
     number: int
@@ -65,6 +65,7 @@ class Result:
     tangent: Fraction | None = None
     product: Fraction | None = None
     faults: tuple[Fault, ...] = ()
+    reason: str | None = None  # why it is not decided, as a code of `certify explain`
     law: LoadLaw | None = None
     load: ZipLoad | ExpLoad | None = None
 
@@ -183,21 +184,23 @@ def _decide_row(
     for entry in entries:  # the first will mostly do; the last is made of parts that the kernel has accepted
         line = _json({"row": number, **entry})
         try:
-            return Decided(_row_result(check_row(number, row, json.loads(line)), name), line)
+            return Decided(_row_result(check_row(number, row, json.loads(line)), name, method), line)
         except Rejected as rejection:
             rejections.append(rejection)
     raise rejections[-1]
 
 
-def _row_result(checked: RowVerdict, name: str) -> Result:
+def _row_result(checked: RowVerdict, name: str, method: str | None) -> Result:
     row, verdict = checked.row, checked.verdict
     if row is None or verdict is None:
         return Result(checked.number, name, "bad input", faults=checked.faults)
-    result = to_result(checked.number, row.name, row.pieces, verdict, row.V0_volt)
+    result = to_result(checked.number, row.name, row.pieces, verdict, row.V0_volt, method)
     return replace(result, load=row.load)
 
 
-def to_result(number: int, name: str, pieces: Pieces, verdict: LoadVerdict, base: Fraction | None) -> Result:
+def to_result(
+    number: int, name: str, pieces: Pieces, verdict: LoadVerdict, base: Fraction | None, method: str | None = None
+) -> Result:
     """A verdict of the kernel with the numbers that follow from it."""
     facts = {(what, unit): value for what, value, unit in verdict.facts}
     pair = tuple(value for what, value, _ in verdict.facts if what == "voltage of the pair")
@@ -212,18 +215,20 @@ def to_result(number: int, name: str, pieces: Pieces, verdict: LoadVerdict, base
         base,
         (Fraction(0), Fraction(0)) if from_zero else verdict.critical,
         verdict.strict,
-        _margin(pieces, verdict, violation, base),
+        _margin(pieces, verdict, base),
         verdict.modulus,
         lipschitz_bound(pieces),
         violation,
         pair,
         facts.get(("tangent of half the angle between them", "")),
         facts.get(("violating product, at most", "W")),
-        law=pieces[-1][1],
+        reason=None if verdict.status != "unknown" else "P210" if method else "P202",
+        law=pieces[-1][1] if len(pieces) == 1 else None,
     )
 
 
-def _margin(pieces: Pieces, verdict: LoadVerdict, violation: Fraction | None, base: Fraction | None) -> float | None:
+def _margin(pieces: Pieces, verdict: LoadVerdict, base: Fraction | None) -> float | None:
+    """Smallest eigenvalue over |S0| / V0^2: its proved lower bound, or else the least that floats see on the band."""
     law = pieces[-1][1]
     v = float(base if base is not None else pieces[-1][0][1])
     try:
@@ -234,17 +239,12 @@ def _margin(pieces: Pieces, verdict: LoadVerdict, violation: Fraction | None, ba
         unit = math.hypot(P, Q) / v**2
         if not unit:
             return None
-        value = 0.0
         if verdict.modulus is not None:
-            value = float(verdict.modulus) / unit
-        elif violation is not None:
-            own = next(law for band, law in pieces if band[0] <= violation <= band[1])
-            value = smallest_eigenvalue(*float_law(own)(float(violation))) / unit
-        if value or verdict.modulus is not None or violation is not None:
-            return value if value and math.isfinite(value) else None  # zero is what floats could not tell
-    except (OverflowError, ZeroDivisionError):
+            return float(verdict.modulus) / unit
+        least = min(least_eigenvalue(own, band, 96) for band, own in pieces)
+    except OverflowError:
         return None
-    return 0.0 if verdict.status == "proved" else None
+    return least / unit if verdict.status == "refuted" else 0.0 if verdict.status == "proved" else None
 
 
 def decide_spec(grid: Microgrid, method: str | None = None, base: str | None = None) -> Iterator[Result]:
@@ -256,7 +256,7 @@ def decide_spec(grid: Microgrid, method: str | None = None, base: str | None = N
             yield _disk_result(number, node.name, context, method, volts)
         else:
             pieces = context.pieces(node.name)
-            yield to_result(number, node.name, pieces, analyse(pieces, method), volts)
+            yield to_result(number, node.name, pieces, analyse(pieces, method), volts, method)
 
 
 def _disk_result(number: int, node: str, context: Context, method: str | None, base: Fraction | None) -> Result:
@@ -280,7 +280,7 @@ def _disk_result(number: int, node: str, context: Context, method: str | None, b
             lipschitz=bound,
             product=product,
         )
-    return Result(number, node, "unknown", base=base)
+    return Result(number, node, "unknown", base=base, reason="P210" if method else "P211")
 
 
 def _json(document: dict[str, Any]) -> str:

@@ -122,7 +122,6 @@ def build_parser() -> argparse.ArgumentParser:
         "--band",
         nargs=2,
         metavar=("LOW", "HIGH"),
-        default=("0.9 pu", "1.1 pu"),
         help="where loads must be monotone; V0 of a row is 1 pu (default: 0.9 pu to 1.1 pu)",
     )
     loads.add_argument("-o", "--output", metavar="FILE", help="where to write the results, .csv or .json")
@@ -130,7 +129,7 @@ def build_parser() -> argparse.ArgumentParser:
     loads.add_argument("--keep-going", action="store_true", help="decide the other rows if some cannot be read")
     loads.add_argument("--plot", metavar="FOLDER", help="draw margins over voltage and maps of pass and fail there")
     loads.add_argument("--power-factor", metavar="PF", action="append", help="of a map; may be given again")
-    loads.add_argument("--cells", metavar="N", type=int, default=61, help="of a map, in each direction (default: 61)")
+    loads.add_argument("--cells", metavar="N", type=int, help="of a map, in each direction (default: 61)")
     loads.add_argument("--jobs", metavar="N", type=int, help="processes (default: all cores for large tables)")
     add_method(loads)
     for sub in (synth, tolerance):

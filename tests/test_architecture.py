@@ -29,7 +29,7 @@ LAYERS = [
 ]  # an arrow points from left to right only
 LIMIT = 2_700  # lines of code that a certificate of a microgrid rests on; "small enough to read in one sitting"
 TABLES = {"table.py", "check_loads.py"}  # only certificates of tables of loads rest on these as well
-TABLE_LIMIT = 370
+TABLE_LIMIT = 400
 
 
 def imported(path: Path) -> set[str]:

@@ -76,12 +76,12 @@ def test_decided(loads: list[str], expected: tuple[str, str | None]) -> None:
 @pytest.mark.parametrize(
     ("loads", "code"),
     [
-        ([current("Vd/40", "Vq/40"), current("Vd/40", "Vq/40")], "S308"),
-        ([current("Vd/40", "Vq/40"), '{ kind = "zip", I = ["1 A", "0 A"] }'], "S308"),
-        ([current("Vd/40", "Vq/40"), '{ kind = "exp", P0 = "1 kW", np = 1.5 }'], "S308"),
-        ([current("Vd/40", "Vq/40"), '{ kind = "zip", P = ["1 kW", "0 var"], tolerance = "1 %" }'], "S308"),
-        ([current("Vd/40", "Vq/40"), '{ kind = "zip", P = ["1 kW", "0 var"], below = "constant-impedance" }'], "S308"),
-        ([current("Vd/40", "Vq/40", radius="0.3 pu"), '{ kind = "zip", P = ["1 kW", "0 var"] }'], "S308"),
+        ([current("Vd/40", "Vq/40"), current("Vd/40", "Vq/40")], "S310"),
+        ([current("Vd/40", "Vq/40"), '{ kind = "zip", I = ["1 A", "0 A"] }'], "S310"),
+        ([current("Vd/40", "Vq/40"), '{ kind = "exp", P0 = "1 kW", np = 1.5 }'], "S310"),
+        ([current("Vd/40", "Vq/40"), '{ kind = "zip", P = ["1 kW", "0 var"], tolerance = "1 %" }'], "S310"),
+        ([current("Vd/40", "Vq/40"), '{ kind = "zip", P = ["1 kW", "0 var"], below = "constant-impedance" }'], "S310"),
+        ([current("Vd/40", "Vq/40", radius="0.3 pu"), '{ kind = "zip", P = ["1 kW", "0 var"] }'], "S310"),
         ([current("Vd/40", "Vq/40", radius="0 pu")], "S208"),
         ([current("Vd/40", "Vx/40")], "S206"),
         ([current("(Vd + Vq)^13", "Vq")], "S205"),

@@ -211,8 +211,8 @@ def test_numbers_against_floats(cells: dict[str, str], seed: int) -> None:
         assert least < 1e-6 * size
     unit = abs(complex(float(cells["P0"]), float(cells["Q0"]))) / float(cells["V0"]) ** 2
     if r.margin is not None and (r.modulus or r.violation):
-        at = float(r.modulus) if r.modulus else eigenvalue(law, float(r.violation or 0))
-        assert r.margin == pytest.approx(at / unit, rel=1e-9, abs=1e-12)
+        at = float(r.modulus) if r.modulus else least
+        assert r.margin == pytest.approx(at / unit, rel=1e-3, abs=1e-9 * size / unit)
     rng = random.Random(seed)
     assert r.lipschitz is not None
     for _ in range(40):

@@ -145,14 +145,19 @@ def check_table(table: bytes, certificate: bytes) -> Iterator[RowVerdict]:
     ends = parse_band((band[0], band[1]))
     rows, counts = LoadTable(table), Counter[str]()
     for number, cells in rows:
-        result = check_row(number, read_row(number, cells, rows.units, ends), _parse(next(lines, b""), f"row {number}"))
+        result = check_row(
+            number, read_row(number, cells, rows.units, ends), _parse(next(lines, None), f"row {number}")
+        )
         counts[result.verdict.status if result.verdict else "bad input"] += 1
         yield result
-    if _parse(next(lines, b""), "last line", {"total"})["total"] != dict(counts) or next(lines, None) is not None:
+    if _parse(next(lines, None), "last line", {"total"})["total"] != dict(counts) or next(lines, None) is not None:
         raise Rejected("K111", "last line", "the rows make another total")
 
 
-def _parse(line: bytes, where: str, keys: set[str] | None = None) -> dict[str, Any]:
+def _parse(line: bytes | None, where: str, keys: set[str] | None = None) -> dict[str, Any]:
+    if line is None:
+        raise Rejected("K101", where, "the certificate ends before this")
+
     def no_number(text: str) -> object:
         raise ValueError(f"a bare number {shorten(text)}; rationals are written as text")
 

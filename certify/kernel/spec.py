@@ -434,16 +434,16 @@ class Decoder(TableReader):
     ) -> None:
         """Beside a load given by its current: constant admittances and powers only, its disk in their band."""
         if len(currents) > 1:
-            self.fault("S308", path, "two loads given by their currents; add their formulas up")
+            self.fault("S310", path, "two loads given by their currents; add their formulas up")
         for load in others:
             plain = not any(load.I) if isinstance(load, ZipLoad) else {load.np, load.nq} <= {0, 2}
             if not plain or any(load.tolerance) or load.cutoff_volt is not None:
                 self.fault(
-                    "S308", path, "beside a load given by its current only constant admittances and powers may stand"
+                    "S310", path, "beside a load given by its current only constant admittances and powers may stand"
                 )
         size, radius = sum(x * x for x in currents[0].centre_volt), currents[0].radius_volt
         if span and not ((span[0] + radius) ** 2 <= size and radius < span[1] and size <= (span[1] - radius) ** 2):
-            self.fault("S308", path, "the disk reaches out of the voltage band of another load")
+            self.fault("S310", path, "the disk reaches out of the voltage band of another load")
 
     def dgu(self, raw: object, path: str) -> Dgu | None:
         schema: Schema = {

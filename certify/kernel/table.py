@@ -28,6 +28,7 @@ MAX_JSON_BYTES = 1 << 27
 MAX_LINE = 20_000
 POWER_FACTOR_DIGITS = 40
 HUGE = Fraction(10**30)
+FAR = 20  # times V0 or a part of it: a band there is in the wrong unit
 
 UNITS = {"P0": "W", "Q0": "var", "V0": "V", "v_min": "V", "v_max": "V"}
 UNITS |= {"Yp": "S", "Yq": "S", "Ip": "A", "Iq": "A", "Pp": "W", "Pq": "var"}  # of absolute coefficients
@@ -39,8 +40,10 @@ KINDS = {
 }
 FRACTIONS = KINDS["ZIP in fractions"][2:]
 PER_UNIT = {"V": Fraction(1)}
+REACTIVE = ("Zq", "Iq", "Pq", "nq")
 MARKS = {"Zp": 0, "Zq": 0, "Yp": 1, "Yq": 1, "np": 2, "nq": 2}
 COLUMNS = tuple(dict.fromkeys(("name", "pf", *UNITS, *MARKS)))
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d", re.ASCII)
 _HEADER = re.compile(r"\s*(\w+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*", re.ASCII)
 
 Cells = dict[str, Any]  # column -> raw value; empty cells are left out
@@ -92,7 +95,8 @@ class LoadTable:
             try:
                 cells = next(csv.reader([line.decode()], strict=True), [])
             except (UnicodeDecodeError, csv.Error) as error:
-                yield number, Fault("T002", f"row {number}", f"cannot be read as UTF-8 CSV: {error}")
+                told = "save the table as UTF-8" if isinstance(error, UnicodeDecodeError) else str(error)
+                yield number, Fault("T002", f"row {number}", f"cannot be read as UTF-8 CSV: {told}")
                 continue
             if any(cell.strip() for cell in cells):
                 yield number, cells
@@ -102,13 +106,16 @@ class LoadTable:
             if isinstance(cells, Fault):
                 raise SpecError((cells,))
             faults, names = [], []
+            if len(cells) == 1 and any(part.strip() in COLUMNS for part in re.split("[;\t]", cells[0])[1:]):
+                raise _refusal("T001", "its columns are not separated by commas: save it with commas")
             for cell in cells:
                 match = _HEADER.fullmatch(cell)
                 name, unit = (match[1], match[2]) if match else (cell.strip(), None)
                 names.append(name)
                 if name not in COLUMNS:
-                    known = f"known are {', '.join(COLUMNS)}"
-                    faults.append(Fault("T101", f"row {number}, column {shorten(cell)}", f"unknown column; {known}"))
+                    near = [column for column in COLUMNS if column.lower() == name.lower()]
+                    told = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(COLUMNS)}"
+                    faults.append(Fault("T101", f"row {number}, column {shorten(cell)}", f"unknown column; {told}"))
                 elif names.count(name) > 1:
                     faults.append(Fault("T101", f"row {number}, column {name}", "the column is given twice"))
                 elif unit:
@@ -118,6 +125,9 @@ class LoadTable:
                         unit_factor(unit, "" if share else UNITS.get(name, ""), {} if name == "V0" else PER_UNIT)
                     except QuantityError as error:
                         faults.append(Fault(error.code, f"row {number}, column {name}", error.message))
+            if not faults and ("V0" not in names or not MARKS.keys() & names):
+                missing = "V0" if "V0" not in names else " or ".join(dict.fromkeys(MARKS))
+                faults.append(Fault("T102", f"row {number}", f"there is no column {missing}"))
             if faults:
                 raise SpecError(tuple(faults[:100]))
             return tuple(names)
@@ -147,7 +157,8 @@ class LoadTable:
         except (ValueError, RecursionError) as error:
             raise _refusal("T001", f"not valid JSON: {error}") from None
         if not isinstance(document, list) or not document:
-            raise _refusal("T001", "expected a list of rows, each a table of columns")
+            told = "the list is empty" if document == [] else "expected a list of rows, each a table of columns"
+            raise _refusal("T001", told)
         for position, cells in enumerate(document, 1):
             if isinstance(cells, dict):
                 yield position, {key: value for key, value in cells.items() if value is not None}
@@ -190,15 +201,18 @@ def decode_row(number: int, cells: Cells, units: Mapping[str, str], band: tuple[
 
     kinds = {MARKS[column] for column in cells if column in MARKS}
     if len(kinds) != 1:
-        told = "columns of more than one kind" if kinds else "columns of no kind"
+        code, told = ("T104", "columns of more than one kind") if kinds else ("T102", "columns of no kind")
         options = "; or ".join(f"{kind}: {', '.join(columns)}" for kind, columns in KINDS.items())
-        raise SpecError((Fault("T102", f"row {number}", f"{told}; a row has those of one: {options}"),))
+        raise SpecError((Fault(code, f"row {number}", f"{told}; a row has those of one: {options}"),))
     kind = tuple(KINDS)[kinds.pop()]
     absolute = kind == "ZIP in absolute coefficients"
     given = [c for c in ("Q0", "pf") if c in cells]
-    wanted = (*KINDS[kind], *(("Q0",) if not (given or absolute) else given))
+    wanted = (*(("Q0",) if not (given or absolute) else given), *KINDS[kind])
     per_unit: dict[str, Fraction] = {}
     for column in (*wanted, *(c for c in ("v_min", "v_max") if c in cells)):
+        if column in REACTIVE and column not in cells and (values.get("Q0") == 0 or abs(values.get("pf", 0)) == 1):
+            values[column] = Fraction(0)  # of nothing
+            continue
         if column not in cells:
             fault("T102", column, f"no value; a load that is {kind} needs one" + " (Q0 or pf)" * (column == "Q0"))
             continue
@@ -217,13 +231,13 @@ def decode_row(number: int, cells: Cells, units: Mapping[str, str], band: tuple[
         if column in ("np", "nq") and abs(values[column]) > 100:
             fault("S202", column, f"exponent {shorten(cells[column])} is absurd; at most 100 in size")
         if column == "pf" and not 0 < abs(values[column]) <= 1:
-            fault("S208", column, f"a power factor is between -1 and 1 and not zero, got {shorten(cells[column])}")
+            fault("T105", column, f"a power factor is between -1 and 1 and not zero, got {shorten(cells[column])}")
     for column in cells:
         if column not in (*wanted, "name", "v_min", "v_max"):
             known = column in COLUMNS
             fault("T101", column, f"not a column of a load that is {kind}" if known else "unknown column")
     if len(given) == 2 or (absolute and given):
-        fault("T102", given[0], "Q0 and pf exclude each other, and absolute coefficients need neither")
+        fault("T104", given[0], "Q0 and pf exclude each other, and absolute coefficients need neither")
     name = cells.get("name", "")
     if not isinstance(name, str) or len(name) > 200 or not name.isprintable():
         fault("S103", "name", "expected a short line of text")
@@ -240,6 +254,11 @@ def decode_row(number: int, cells: Cells, units: Mapping[str, str], band: tuple[
             own = [c for c in ("v_min", "v_max") if c in cells]
             told = f"the band is empty: {float_text(ends[0])} V to {float_text(ends[1])} V, one end by --band"
             fault("S307", own[0] if own else "V0", told if len(own) < 2 else told.rpartition(",")[0])
+        elif ends[1] * FAR < values["V0"] or ends[0] > FAR * values["V0"]:
+            told = f"{float_text(ends[0])} V to {float_text(ends[1])} V"
+            fault(
+                "T106", "v_min" if "v_min" in cells else "V0", f"{told} is far from V0 = {float_text(values['V0'])} V"
+            )
     if faults:
         raise SpecError(tuple(faults))
     return Row(number, name, kind, _load(kind, values), values["V0"], (ends[0], ends[1]))
@@ -256,6 +275,8 @@ def _number(raw: object, unit: str, of_header: str, per_unit: Mapping[str, Fract
     text = raw if isinstance(raw, str) else str(raw) if isinstance(raw, int) and not isinstance(raw, bool) else ""
     if not text:
         raise QuantityError("S201", f"expected a number, got {shorten(raw)}")
+    if _DECIMAL_COMMA.match(text):
+        raise QuantityError("S201", f"a comma inside {shorten(text)}; a decimal point is meant, and no other comma")
     if of_header and (text[-1].isdigit() or text[-1] == "."):
         return parse_quantity(NumberText(text), "", {}) * unit_factor(of_header, unit, per_unit)
     return parse_quantity(str(text), unit, per_unit)

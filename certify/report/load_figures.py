@@ -13,10 +13,12 @@ from certify.kernel.quantity import QuantityError, parse_decimal, parse_quantity
 from certify.kernel.reader import Pair
 from certify.kernel.spec import ExpLoad, ZipLoad
 from certify.load_tables import Result
+from certify.report.figures import range_text
+from certify.report.load_maps import Point
 from certify.search.maps import exponents_hold, fractions_hold
 
 POWER_FACTORS = ("0.8", "0.95", "1")
-MAX_CELLS = 1000  # of a map, in each direction
+CELLS, MAX_CELLS = 61, 1000  # of a map, in each direction
 
 
 def find_faults(options: Any) -> list[Fault]:
@@ -35,7 +37,7 @@ def find_faults(options: Any) -> list[Fault]:
             faults.append(
                 Fault("U001", "--power-factor", f"expected a number above 0 and at most 1, got {shorten(text)}")
             )
-    if not 2 <= options.cells <= MAX_CELLS:
+    if options.cells is not None and not 2 <= options.cells <= MAX_CELLS:
         faults.append(Fault("U001", "--cells", f"expected a number from 2 to {MAX_CELLS}, got {options.cells}"))
     return faults
 
@@ -46,13 +48,20 @@ def draw_figures(options: Any, results: Sequence[Result]) -> list[str]:
 
     band = _per_unit(options.band)
     known = [r for r in results if r.law is not None and r.base]
-    folder = Path(options.plot)
+    folder, cells = Path(options.plot), options.cells or CELLS
     factors = [Fraction(text) for text in options.power_factor or POWER_FACTORS]
     figures: dict[str, Any] = {}
     if known:
         laws = [(r.name or f"row {r.number}", r.law, r.base) for r in known if r.law is not None and r.base is not None]
         statuses = [r.verdict if r.verdict in ("proved", "refuted") else "unknown" for r in known]
-        figures["margins"] = margin_figure(laws, band, statuses)
+        bands = {(r.band[0] / r.base, r.band[1] / r.base) for r in known if r.base}
+        hull = (min(low for low, _ in bands), max(high for _, high in bands))
+        title = f"{statuses.count('proved'):,} of {len(known):,} loads are monotone"
+        title += f" over {range_text(hull)} pu" if len(bands) == 1 else ", each over its own band"
+        title += f", {statuses.count('unknown'):,} undecided" if "unknown" in statuses else ""
+        left_out = sum(r.verdict != "bad input" for r in results) - len(known)
+        title += f" ({left_out:,} with a cut-off or given by their current not drawn)" if left_out else ""
+        figures["margins"] = margin_figure(laws, hull, statuses, title=title)
     kinds = {type(r.load) for r in known} or {ExpLoad, ZipLoad}
     if ExpLoad in kinds or kinds == {type(None)}:
         figures["exponents"] = exponent_map(
@@ -60,7 +69,7 @@ def draw_figures(options: Any, results: Sequence[Result]) -> list[str]:
             band,
             lambda np, nq, square: _word(exponents_hold(np, nq, square, band)),
             [point for r in known if isinstance(r.load, ExpLoad) for point in _point(r)],
-            cells=options.cells,
+            cells=cells,
         )
     if ZipLoad in kinds or kinds == {type(None)}:
         figures["fractions"] = fraction_map(
@@ -68,7 +77,7 @@ def draw_figures(options: Any, results: Sequence[Result]) -> list[str]:
             band,
             lambda Zp, Pp, square: _word(fractions_hold(Zp, Pp, square, band)),
             [point for r in known if isinstance(r.load, ZipLoad) for point in _point(r)],
-            cells=options.cells,
+            cells=cells,
         )
     written = []
     try:
@@ -83,8 +92,8 @@ def draw_figures(options: Any, results: Sequence[Result]) -> list[str]:
     return written
 
 
-def _point(result: Result) -> Iterator[tuple[Fraction, Fraction, Fraction]]:
-    """Where a load stands on the map of its kind, and its power factor; none if it draws no active power at V0."""
+def _point(result: Result) -> Iterator[Point]:
+    """Where a load stands on the map of its kind, with its own verdict; nowhere if it draws no active power at V0."""
     load, base = result.load, result.base
     if load is None or base is None:
         return
@@ -94,7 +103,8 @@ def _point(result: Result) -> Iterator[tuple[Fraction, Fraction, Fraction]]:
         P, Q = (load.Y[k] * base**2 + load.I[k] * base + load.P[k] for k in (0, 1))
         place = (load.Y[0] * base**2 / P, load.P[0] / P) if P else (P, P)
     if P > 0:
-        yield (*place, Fraction(math.cos(math.atan2(Q, P))))
+        verdict = result.verdict if result.verdict in ("proved", "refuted") else "unknown"
+        yield Point(*place, Fraction(math.cos(math.atan2(Q, P))), verdict)
 
 
 def _per_unit(band: Sequence[str]) -> Pair:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from certify.kernel.reader import Pair
-from certify.report.figures import FILLS, WORDS, range_text, style
+from certify.report.figures import COLOURS, FILLS, WORDS, range_text, style
 from certify.report.load_margins import smallest
 
 if TYPE_CHECKING:
@@ -22,8 +22,16 @@ if TYPE_CHECKING:
 # (np, nq, (Q0/P0)^2) or (Zp, Pp, (Q0/P0)^2), all exact -> "proved", "refuted" or "unknown". The square is rational
 # for every rational power factor, and only the square enters the conditions.
 Decide = Callable[[Fraction, Fraction, Fraction], str]
-# A load in a map: its two coordinates, and its power factor; None puts it into every panel.
-Point = tuple[Fraction, Fraction, Fraction | None]
+
+
+class Point(NamedTuple):
+    """A load in a map, in the panel of the nearest power factor (None: in all), in the colour of its own verdict."""
+
+    x: Fraction
+    y: Fraction
+    power_factor: Fraction | None = None
+    verdict: str | None = None
+
 
 FINE = 201  # points along an axis where a border is computed
 
@@ -32,7 +40,7 @@ def exponent_map(
     power_factors: Sequence[Fraction],
     band: Pair,
     decide: Decide,
-    points: Sequence[Point] = (),
+    points: Sequence[tuple[Any, ...]] = (),
     cells: int = 61,
     span: tuple[Pair, Pair] = ((Fraction(0), Fraction(3)), (Fraction(0), Fraction(6))),
 ) -> Figure:
@@ -94,7 +102,7 @@ def fraction_map(
     power_factors: Sequence[Fraction],
     band: Pair,
     decide: Decide,
-    points: Sequence[Point] = (),
+    points: Sequence[tuple[Any, ...]] = (),
     cells: int = 61,
     span: tuple[Pair, Pair] = ((Fraction(-1, 2), Fraction(3, 2)), (Fraction(-1, 2), Fraction(3, 2))),
 ) -> Figure:
@@ -140,7 +148,7 @@ def fraction_map(
 def _map(
     power_factors: Sequence[Fraction],
     decide: Decide,
-    points: Sequence[Point],
+    points: Sequence[tuple[Any, ...]],
     cells: int,
     span: tuple[Pair, Pair],
     border: Callable[[Any, Fraction], None],
@@ -157,7 +165,7 @@ def _map(
 
     if not power_factors or not all(0 < pf <= 1 for pf in power_factors) or cells < 2:
         raise ValueError("need at least one power factor, each above 0 and at most 1, and 2 cells or more")
-    names = list(WORDS)
+    names, marked = list(WORDS), [Point(*point) for point in points]
     x, y = ([a + (b - a) * Fraction(k, cells - 1) for k in range(cells)] for a, b in span)
     half = [float(b - a) / (cells - 1) / 2 for a, b in span]
     (left, right), (bottom, top) = ((float(a) - h, float(b) + h) for (a, b), h in zip(span, half, strict=True))
@@ -183,7 +191,8 @@ def _map(
                 interpolation="nearest",
             )
             border(ax, square)
-            _scatter(ax, [p[:2] for p in points if p[2] is None or _nearest(p[2], power_factors) == pf], span)
+            near = (p for p in marked if p.power_factor is None or _nearest(p.power_factor, power_factors) == pf)
+            _scatter(ax, [p._replace(power_factor=None) for p in near], span)
             ax.set_xlim(left, right)
             ax.set_ylim(bottom, top)
             ax.set_title(f"power factor {float(pf):.4g}")
@@ -200,9 +209,12 @@ def _map(
         handles.append(Line2D([], [], color="black", linewidth=1.6, label="border"))
         if dashed:
             handles.append(Line2D([], [], color="black", linewidth=1, linestyle=(0, (4, 2)), label=dashed))
-        if points:
-            each = "" if all(p[2] is None for p in points) else ", in the panel of the nearest power factor"
-            handles.append(Line2D([], [], **_MARK, label=f"{len(points):,} loads{each}"))
+        if marked:
+            each = "" if all(p.power_factor is None for p in marked) else ", in the panel of the nearest power factor"
+            handles.append(Line2D([], [], **_MARK, label=f"{len(marked):,} loads{each}"))
+            for verdict in sorted({p.verdict for p in marked if p.verdict}):
+                face = {"markerfacecolor": COLOURS[verdict]}
+                handles.append(Line2D([], [], **_MARK | face, label=f"of which by its own data {WORDS[verdict]}"))
         figure.legend(handles=handles, loc="outside lower center", ncols=4 if columns == 3 else 2)
     return figure
 
@@ -217,12 +229,13 @@ _MARK: dict[str, Any] = {
 }
 
 
-def _scatter(ax: Axes, points: Sequence[tuple[Fraction, Fraction]], span: tuple[Pair, Pair]) -> None:
+def _scatter(ax: Axes, points: Sequence[Point], span: tuple[Pair, Pair]) -> None:
     """The loads, equal ones once; those outside of the map are counted in its corner."""
-    shown = {p for p in points if all(a <= c <= b for c, (a, b) in zip(p, span, strict=True))}
-    if shown:
-        places = sorted(shown)
-        ax.plot([float(a) for a, _ in places], [float(b) for _, b in places], **_MARK)
+    shown = {p for p in points if all(a <= c <= b for c, (a, b) in zip((p.x, p.y), span, strict=True))}
+    for verdict in sorted({p.verdict or "" for p in shown}):
+        places = sorted((p.x, p.y) for p in shown if (p.verdict or "") == verdict)
+        face = {"markerfacecolor": COLOURS.get(verdict, "white")}
+        ax.plot([float(a) for a, _ in places], [float(b) for _, b in places], **_MARK | face)
     outside = sum(p not in shown for p in points)
     if outside:
         where: dict[str, Any] = {"xycoords": "axes fraction", "ha": "right", "va": "top", "fontsize": 9}

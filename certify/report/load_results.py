@@ -91,7 +91,7 @@ def to_exact(result: Result) -> dict[str, Any]:
     entry |= {"band": text(result.band), "critical": "none" if result.critical == () else text(result.critical)}
     entry |= {"strict": result.strict, "margin": result.margin, "modulus": text(result.modulus)}
     entry |= {"lipschitz": text(result.lipschitz), "violation": text(result.violation), "pair": text(result.pair)}
-    entry |= {"tangent": text(result.tangent), "product": text(result.product)}
+    entry |= {"tangent": text(result.tangent), "product": text(result.product), "reason": result.reason}
     faults = [{"code": f.code, "path": f.path, "message": f.message} for f in result.faults]
     return {key: value for key, value in entry.items() if value not in (None, [])} | (
         {"faults": faults} if faults else {}

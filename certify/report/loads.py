@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from certify.certificate import open_atomically
+from certify.diagnostics import DIAGNOSTICS
 from certify.inputs import decode_all, read
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.reader import read_document
@@ -25,6 +26,7 @@ SHOWN = 12  # refuted or undecided loads listed one by one
 SHARES = tuple(Fraction(k, 100) for k in (50, 60, 70, 80, 85, 90, 95, 100))
 MAX_FAULTS = 39  # kept, so that they and the number of the others are what a message shows
 MAX_JOBS = 1000
+DEFAULT_BAND = ("0.9 pu", "1.1 pu")
 
 
 class Summary:
@@ -37,8 +39,9 @@ class Summary:
         self.faults: list[Fault] = []
         self.fault_count = 0
         self.from_voltage: Counter[int] = Counter()  # by the position of a share
-        self.with_base = self.anywhere = self.never = 0
-        self.keep = keep
+        self.with_base = self.never = 0
+        self.top = Fraction(0)  # of all bands, in pu
+        self.keep, self.own_bands = keep, False
         self.results: list[Result] = []
 
     def add(self, result: Result) -> None:
@@ -50,6 +53,7 @@ class Summary:
             self.open.append(result)
         if result.base is not None and result.critical is not None:
             self.with_base += 1
+            self.top = max(self.top, result.band[1] / result.base)
             self.never += result.critical == ()
             if result.critical:
                 per_unit = result.critical[1] / result.base
@@ -77,6 +81,7 @@ def run(options: Any, progress: Any, exit_codes: dict[str, int], worst_first: It
                     writer.add(result)
         else:
             rows = LoadTable(data)
+            summary.own_bands = rows.is_json or bool({"v_min", "v_max"}.intersection(rows.columns))
             certificate = stack.enter_context(open_atomically(Path(options.cert))) if options.cert else None
             if certificate:
                 certificate.write((header(data, options.band) + "\n").encode())
@@ -122,12 +127,17 @@ def _check_outputs(options: Any, is_spec: bool) -> None:
         faults.append(Fault("U001", "-o", f"{options.output} ends neither in .csv nor in .json"))
     if is_spec and options.cert:
         faults.append(Fault("U001", "--cert", "the certificate of a spec is written by `certify prove`"))
+    if is_spec and options.band is not None:
+        faults.append(Fault("U001", "--band", "the loads of a spec have the bands that it states"))
+    if options.plot is None and (options.power_factor or options.cells is not None):
+        faults.append(Fault("U001", "--plot", "--power-factor and --cells are about figures, and none is asked for"))
     if options.jobs is not None and not 0 < options.jobs <= MAX_JOBS:
         faults.append(Fault("U001", "--jobs", f"expected a number from 1 to {MAX_JOBS}, got {options.jobs}"))
     if options.plot is not None:
         faults += load_figures.find_faults(options)
     if faults:
         raise SpecError(tuple(faults))
+    options.band = options.band or DEFAULT_BAND
     parse_band(options.band)
 
 
@@ -151,7 +161,7 @@ def _as_dict(name: str, summary: Summary, files: list[str], code: int) -> dict[s
 def render(name: str, summary: Summary, band: Sequence[str] | None, files: list[str], colour: bool = False) -> str:
     """The summary for a terminal."""
     total = sum(summary.verdicts.values())
-    where = f" from {band[0]} to {band[1]}" if band else ""
+    where = f" from {band[0]} to {band[1]}" + " or on bands of their own" * summary.own_bands if band else ""
     loads = "load" if total == 1 else "loads"
     lines = [f"{name}: {total:,} {loads}{where}", ""]
     order = ("proved", "refuted", "conditional", "unknown", "bad input")
@@ -165,10 +175,14 @@ def render(name: str, summary: Summary, band: Sequence[str] | None, files: list[
             rows.append((paint(verdict, colour, f"{verdict:11}"), f"{count:,}", words.get(verdict, "not read"), rules))
     lines.append(table(rows))
     if summary.with_base > 1:
-        counts = [(summary.from_voltage[k], share) for k, share in enumerate(SHARES)]
-        shares = [f"{count:,} from {approximate(share)} pu" for count, share in counts if count]
-        never = f"{summary.never:,} not even at the top of the band"
-        lines += ["", f"monotone up to the top of the band: {', '.join([*shares, never])}"]
+        counts = [summary.from_voltage[k] for k in range(len(SHARES))]
+        shown = [
+            f"{count:,} from {approximate(share)} pu"
+            for count, before, share in zip(counts, [0, *counts], SHARES, strict=False)
+            if count > before and share <= summary.top
+        ]
+        shown.append(f"{summary.never:,} not even at the top of the band")
+        lines += ["", f"monotone up to the top of the band, of {summary.with_base:,} loads: {', '.join(shown)}"]
     if summary.open:
         lines.append("")
     lines += [_open(result) for result in summary.open]
@@ -183,12 +197,15 @@ def render(name: str, summary: Summary, band: Sequence[str] | None, files: list[
 def _open(result: Result) -> str:
     name = f"row {result.number}" + (f" ({result.name})" if result.name else "")
     if result.verdict != "refuted":
-        return f"  {name}: {result.verdict}"
+        why = f" [{result.reason}]: {DIAGNOSTICS[result.reason].title}" if result.reason else ""
+        return f"  {name}: {result.verdict}{why}"
     if result.violation is None:
         return f"  {name}: fails between two voltages of its disk"
     at = f"fails at {_volts(result.violation, result.base)}"
+    if result.critical == () and result.violation == result.band[1]:
+        return f"  {name}: {at}, the top of its band"
     if result.critical == ():
-        return f"  {name}: {at}, and not even monotone around the top of its band"
+        return f"  {name}: {at}, and it is not monotone at the top of its band either"
     if result.critical:
         at += f"; monotone from {_volts(result.critical[1], result.base, up=True)} on"
     return f"  {name}: {at}"

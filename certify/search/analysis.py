@@ -23,8 +23,7 @@ from certify.search.roots import find_negative_point, round_to_digits
 from certify.search.voltages import float_law
 
 Entry = dict[str, Any]
-SCAN = 48  # voltages tried from the top of the band down
-FLOOR = 1e-6  # of the top of the band, as far down as floats look
+STEPS = (0.75,) * 48 + (0.1,) * 54  # by which floats look for it from the top of the band down, to 1e-60 of it
 UNKNOWN: Entry = {"status": "unknown", "rule": None, "data": None, "critical": None}
 
 
@@ -108,24 +107,26 @@ def _float_critical(law: LoadLaw, top: float) -> float:
     if fails(top):
         return math.inf
     good = top
-    step = FLOOR ** (1 / SCAN)
-    for _ in range(SCAN):
+    exponential = _exponential_critical(law, top)
+    if exponential is not None:
+        return exponential
+    for step in STEPS[:48] if loads.is_polynomial(law) else STEPS:
         bad = good * step
         if fails(bad):
             while good - bad > 1e-16 * good and (middle := (good + bad) / 2) not in (good, bad):
                 good, bad = (good, middle) if fails(middle) else (middle, bad)
             return good
         good = bad
-    return _exponential_critical(law, good)
+    return 0.0
 
 
-def _exponential_critical(law: LoadLaw, below: float) -> float:
-    """Where 4 (np - 1) P^2 = (nq - 2)^2 Q^2, if the load is one exponential law and that is below a voltage; else 0.
+def _exponential_critical(law: LoadLaw, below: float) -> float | None:
+    """Where 4 (np - 1) P^2 = (nq - 2)^2 Q^2, if the load is one exponential law; 0 if that is nowhere below a voltage.
 
     Nearly equal exponents put it many decades below the band.
     """
     if len(law.active) != 1 or len(law.reactive) != 1:
-        return 0.0
+        return None
     (P,), (Q,) = law.active, law.reactive
     ratio = (Q.exponent - 2) * Q.coefficient / P.coefficient
     if P.exponent <= 1 or P.exponent <= Q.exponent or not ratio:

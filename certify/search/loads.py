@@ -82,7 +82,7 @@ def _refutations(pieces: Pieces) -> Iterator[Proposal]:
 
 
 def _proofs(cases: Sequence[Case], method: str | None) -> Iterator[Proposal]:
-    cases = [case for case in cases if not loads.is_constant_admittance(case[1])]
+    cases = [case for case in cases if not loads.is_constant_admittance(case[1])]  # what is left needs a method
     for name, propose in METHODS.items():
         if method in (None, name):
             data = propose(cases)
@@ -113,7 +113,7 @@ def _for_polynomials(
 
 
 def _bernstein(cases: Sequence[Case]) -> Data:
-    points: set[Fraction] = {v for band, _ in cases for v in band}
+    points: set[Fraction] = {v for band, _ in cases for v in band} or {Fraction(0)}
     for band, law in cases:
         found = find_cuts(loads.jacobian_polynomials(law), band)
         if found is None:
@@ -139,7 +139,7 @@ def _sos(cases: Sequence[Case]) -> Data:
 
 def _enclosure(cases: Sequence[Case]) -> Data:
     for bits in PRECISIONS[:3]:
-        points: set[Fraction] = {v for band, _ in cases for v in band}
+        points: set[Fraction] = {v for band, _ in cases for v in band} or {Fraction(0)}
         for band, law in cases:
             found = find_cells(law, band, bits)
             if found is None:
