@@ -145,3 +145,24 @@ def test_a_shortage_beside_a_load_given_by_its_current() -> None:
     assert certificate.verdict.outcome == "certified"
     facts = {what for claim in certificate.verdict.claims if claim.id == "load/a" for what, _, _ in claim.facts}
     assert "strongly monotone with modulus" in facts
+
+
+@pytest.mark.parametrize(
+    "load",
+    [current("Vd/40 + Vd^3/(2e7)", "Vq/30"), "{ kind = 'zip', Y = ['20 mS', '0 S'], band = ['1 V', '1 kV'] }"],
+)
+def test_a_shortage_beside_a_load_that_is_only_sampled(load: str) -> None:
+    """No modulus is known of such a load: the rule about islands says so, to the search and in a certificate."""
+    data = spec(load).replace(b"w0*L", b"1.01*w0*L")
+    document = json.loads(prove(data).data)
+    assert document["verdict"] == "certified"
+    assert prove(data, method="sampled").verdict.outcome == "refuted"
+    sample: dict[str, object] = {"points": "10"}
+    for claim in document["claims"]:
+        if claim["id"] == "load/a":
+            claim |= {"status": "conditional", "rule": "sampled", "proof": proof_key(sample)}
+        elif claim["id"] in ("invariant-set/a", "microgrid"):
+            claim["status"] = "conditional"
+    document["proofs"][proof_key(sample)] = sample
+    with pytest.raises(Rejected, match=r"K201 at invariant-set/a.*not monotone enough"):
+        check(data, to_canonical_json(document))

@@ -163,7 +163,8 @@ def _island(status: str, context: Context, island: tuple[str, ...], data: Data) 
             shortages[name] = context.shortages[name]
             if node.has_static_load:
                 lipschitz = load_proofs.lipschitz(context, name)
-                shortages[name] = rules.shortage_with_load(shortages[name], context.moduli[name], lipschitz)
+                modulus = context.moduli.get(name, Fraction(0))  # nothing is known of a load that is only sampled
+                shortages[name] = rules.shortage_with_load(shortages[name], modulus, lipschitz)
     if shortages:
         edges: list[tuple[Fraction, tuple[str, ...]]] = []
         for name in island:
