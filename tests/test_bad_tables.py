@@ -127,7 +127,6 @@ BYTES: dict[str, tuple[bytes, str, str]] = {
     "more binary": (bytes(range(255, 0, -1)), "T002", "row 1: cannot be read as UTF-8"),
     "NUL": (E.encode() + b"1,0,1,1,\0\n", "S201|T002", "row 2"),
     "UTF-16": ((E + "1,0,1,1,1\n").encode("utf-16"), "T002", "row 1: cannot be read as UTF-8"),
-    "Latin-1, saved": (b"name," + E.encode() + b"K\xfchl,1,0,1,1,1\n", "T002", "row 2: cannot be read as UTF-8"),
     "line ends of old": (E.replace("\n", "\r").encode() + b"1,0,1,1,1\r", "T002", "row 1"),
 }
 CASES = {**{case: (text.encode(), code, says) for case, (text, code, says) in TEXTS.items()}, **BYTES}

@@ -734,7 +734,7 @@ def test_outputs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (code, err) == (1, "")
     assert "5 loads from 0.9 pu to 1.1 pu" in out
     assert "row 3 (refuted): fails at" in out
-    assert "row 6 (never): fails at 0.9 pu, and not even monotone around the top of its band" in out
+    assert "row 6 (never): fails at 0.9 pu, and it is not monotone at the top of its band either" in out
     rows = list(csv.DictReader(io.StringIO((tmp_path / "o.csv").read_text())))
     assert [row["verdict"] for row in rows] == ["proved", "refuted", "proved", "proved", "refuted"]
     assert [row["row"] for row in rows] == ["2", "3", "4", "5", "6"]
