@@ -10,7 +10,7 @@ band on which the answer is then certain, and it stays certain with an error of 
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -615,11 +615,13 @@ EDGE: tuple[tuple[str, int, Callable[[random.Random, Fraction], Made]], ...] = (
 )
 
 
-def load_case(number: int, seed: int = 1) -> Case:
-    """The case with this number, whatever the count."""
+def load_case(number: int, seed: int = 1, only: Collection[str] = ()) -> Case | None:
+    """The case with this number, whatever the count; None if it is not of one of the kinds wanted."""
     rng = random.Random(f"{seed}/{number}")
     kinds = [*GENERAL, *EDGE]
     k = rng.choices(range(len(kinds)), [weight for _, weight, _ in kinds])[0]
+    if only and kinds[k][0] not in only:
+        return None
     name = kinds[k][0]
     error = rng.choice((ERRORS[0], *ERRORS)) if k >= len(GENERAL) else None
     for _ in range(10_000):
@@ -634,5 +636,6 @@ def load_case(number: int, seed: int = 1) -> Case:
     raise ArithmeticError(f"no case of kind {name} with an error of {error}")
 
 
-def load_cases(count: int, seed: int = 1) -> Iterator[Case]:
-    return (load_case(number, seed) for number in range(count))
+def load_cases(count: int, seed: int = 1, only: Collection[str] = ()) -> Iterator[Case]:
+    """The cases up to a number, or those of some kinds among them."""
+    return (case for number in range(count) if (case := load_case(number, seed, only)))

@@ -84,7 +84,7 @@ bands = st.tuples(
 
 
 @given(st.one_of(zips.map(node), exps.map(node), st.builds(node, zips, exps), st.builds(node, exps, exps)), bands)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_decided_as_dense_sampling_says(law: LoadLaw, band: Pair) -> None:
     status, proposal, strict = decide(law, band)
     least = least_determinant(law, band)
