@@ -8,10 +8,12 @@ from typing import Any
 import pytest
 
 from certify.kernel import loads
+from certify.kernel.check_loads import check_load
 from certify.kernel.data import Data
 from certify.kernel.errors import RuleFailure
 from certify.kernel.load_proofs import METHODS, check_monotone
 from certify.kernel.model import LoadLaw, PowerTerm
+from certify.search.analysis import analyse
 
 
 def F_(x: Any, y: int = 1) -> Fraction:
@@ -199,3 +201,21 @@ def test_voltage_pair() -> None:
     fails("product", loads.voltage_pair, constant_power, BAND, F_(1), (F_(1), F_(1)), F_(0))
     fails("product", loads.voltage_pair, constant_power, BAND, F_(1), (F_(1), F_(2)), F_(1))
     fails("outside", loads.voltage_pair, constant_power, (F_(0), F_(2)), F_(1), (F_(0), F_(2)), F_(0))
+
+
+def test_a_critical_voltage_far_below_the_band_may_be_a_bound() -> None:
+    """A sum with fractional exponents that holds down to 0 V, where enclosures cannot go."""
+    both = law({"1.2": 1, "1.5": 1}, {"1.7": "0.1"})
+    verdict = analyse(((BAND, both),))
+    assert verdict.status == "proved"
+    assert verdict.critical is not None
+    assert verdict.critical[0] == 0 < verdict.critical[1] <= BAND[1] / 10**9
+    entry = {"status": "unknown", "rule": None, "data": None}
+    proof = {"rule": "monotone-enclosure", "data": {"points": "1/4 1/2 1 2", "bits": "160"}}
+    fails("too wide", check_load, ((BAND, both),), {**entry, "critical": {"bracket": "0 1/4", **proof}})
+    fails("too wide", check_load, ((BAND, both),), {**entry, "critical": {"bracket": "1/10 1/4", **proof}})
+    falling = law({"1.2": 1, "0.5": 1})  # not monotone at 0.01 V, say
+    tiny = {"rule": "monotone-enclosure", "data": {"points": "1/1000000000 2", "bits": "160"}}
+    fails(
+        "may be negative", check_load, ((BAND, falling),), {**entry, "critical": {"bracket": "0 1/1000000000", **tiny}}
+    )

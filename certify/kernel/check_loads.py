@@ -33,7 +33,8 @@ class LoadVerdict:
     """What is shown of one load.
 
     `critical`: a bracket of the voltage from which on it is monotone up to the top of its band; (0, 0) if from every
-    voltage on, () if not even at the top, None if nothing is said. `modulus` in siemens.
+    voltage on, (0, v) if from v on at least, far below, () if not even at the top, None if nothing is said.
+    `modulus` in siemens.
     """
 
     status: str
@@ -86,7 +87,8 @@ def _critical(pieces: Pieces, raw: object) -> Pair | tuple[()] | None:
     bracket, rule, data = Data(raw).fields("bracket", "rule", "data")
     ends = bracket.vector()
     require(len(ends) == 2 and 0 <= ends[0] <= ends[1] < band[1], "a bracket has two ends below the top of the band")
-    require(ends[1] - ends[0] <= CRITICAL_WIDTH * ends[1], "the bracket is too wide")
+    whole = ends[1] if ends[0] else band[1]  # a bracket from zero on is an upper bound, far below the band
+    require(ends[1] - ends[0] <= CRITICAL_WIDTH * whole, "the bracket is too wide")
     if ends[0]:
         _require_violation(pieces, ends[0])
     name = rule.text()

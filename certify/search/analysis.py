@@ -80,6 +80,9 @@ def _criticals(pieces: Pieces) -> Iterator[Any]:
                 yield {"bracket": to_text(ends), **_rule(corners, (ends[1], top))}
     if all(loads.is_polynomial(corner) for corner in corners):
         yield from _exact(corners, top)
+    elif lowest <= top * CRITICAL_WIDTH:
+        bound = round_to_digits(top * CRITICAL_WIDTH * Fraction(9, 10), 2)
+        yield {"bracket": to_text((Fraction(0), bound)), **_rule(corners, (bound, top))}
 
 
 def _rule(corners: list[LoadLaw], band: tuple[Fraction, Fraction]) -> Entry:
