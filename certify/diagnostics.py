@@ -291,7 +291,8 @@ _ALL = (
         "results",
         "the results of `certify loads`",
         "verdict and rule; from_V and to_V, the band; critical_V and critical_pu, the voltage from which on the load "
-        "is monotone up to the top of its band (an upper bound, within 1e-9 of it or of the top; 0: from every voltage on; none: not "
+        "is monotone up to the top of its band (an upper bound, within 1e-9 of it or of the top; 0: from every "
+        "voltage on; none: not "
         "even at the top; empty: not found); strict, whether it is strictly so; modulus_S and lipschitz_S, proved "
         "bounds m and Lambda with m |V - U|^2 <= <V - U, I(V) - I(U)> and |I(V) - I(U)| <= Lambda |V - U|; margin_pu,"
         " the smallest eigenvalue of the symmetric part of the Jacobian over |S0| / V0^2: of a monotone load a proved"
