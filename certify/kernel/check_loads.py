@@ -17,7 +17,7 @@ from typing import Any
 from certify.kernel.claims import Fact
 from certify.kernel.data import Data
 from certify.kernel.errors import Fault, Rejected, RuleFailure, SpecError, require
-from certify.kernel.load_proofs import METHODS, check_monotone, check_pair
+from certify.kernel.load_proofs import METHODS, check_monotone, check_pair, read_modulus
 from certify.kernel.loads import is_violated_at
 from certify.kernel.model import Pieces, law_at, law_corners
 from certify.kernel.quantity import shorten
@@ -68,11 +68,10 @@ def check_load(pieces: Pieces, entry: dict[str, Any]) -> LoadVerdict:
         return LoadVerdict(status, rule, critical=critical, facts=check_pair(pieces, data))
     allowed = {"proved": [m for m in METHODS if m != "sampled"], "conditional": ["sampled"]}
     require(isinstance(status, str) and rule in allowed.get(status, []), "a load cannot be decided in this way")
-    given, rest = data.optional("modulus")
-    modulus = given.scalar() if given else None
-    require(modulus is None or (modulus > 0 and status == "proved"), "the modulus is not positive")
-    strict = check_monotone(pieces, rule, rest, modulus or Fraction(0))
-    return LoadVerdict(status, rule, strict or modulus is not None, modulus, critical)
+    modulus, rest = read_modulus(data)
+    require(not modulus or status == "proved", "what is only sampled has no modulus")
+    strict = check_monotone(pieces, rule, rest, modulus)
+    return LoadVerdict(status, rule, strict or modulus > 0, modulus or None, critical)
 
 
 def _critical(pieces: Pieces, raw: object) -> Pair | tuple[()] | None:

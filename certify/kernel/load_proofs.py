@@ -74,10 +74,9 @@ def _enclosure(cases: Sequence[Case], data: Data) -> bool:
 
 
 def _sampled(cases: Sequence[Case], data: Data) -> bool:
-    count = data.fields("points")[0].scalar()
-    require(count.denominator == 1 and 0 < count <= MAX_SAMPLES // max(len(cases), 1), "the number of points is absurd")
+    count = _read_count(data, MAX_SAMPLES // max(len(cases), 1))
     for band, law in cases:
-        loads.sampled(law, band, count.numerator)
+        loads.sampled(law, band, count)
     return False
 
 
@@ -129,20 +128,37 @@ def law_work(law: LoadLaw, bits: int = 0) -> int:
 # --- handlers -------------------------------------------------------------------------------------------------
 
 
+def read_modulus(data: Data) -> tuple[Fraction, Data]:
+    """The modulus of strong monotonicity that a proof states, 0 if none, and the proof without it."""
+    given, rest = data.optional("modulus")
+    modulus = given.scalar() if given else Fraction(0)
+    require(modulus > 0 or given is None, "the modulus is not positive")
+    return modulus, rest
+
+
+def _strictness(strict: bool, modulus: Fraction) -> tuple[Fact, ...]:
+    facts: tuple[Fact, ...] = (("strictly monotone", Fraction(int(strict)), ""),)
+    return (*facts, ("strongly monotone with modulus", modulus, "S")) if modulus else facts
+
+
+def _read_count(data: Data, limit: int) -> int:
+    """How many points are sampled."""
+    count = data.fields("points")[0].scalar()
+    require(count.denominator == 1 and 0 < count <= limit, "the number of points is absurd")
+    return count.numerator
+
+
 def monotone(method: str) -> Callable[[Context, str, Data], tuple[Fact, ...]]:
     """The handler of one method for the claim about the load at a node."""
 
     def handler(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
-        given, rest = data.optional("modulus")
-        modulus = given.scalar() if given else Fraction(0)
-        require(modulus > 0 or given is None, "the modulus is not positive")
+        modulus, rest = read_modulus(data)
         pieces = context.pieces(name)
         key = (method, pieces, json.dumps(data.raw, sort_keys=True))
         if context.once(key, lambda: check_monotone(pieces, method, rest, modulus)) or modulus:
             context.strict_loads.add(name)
         context.moduli[name] = modulus
-        facts: tuple[Fact, ...] = (("strictly monotone", Fraction(int(name in context.strict_loads)), ""),)
-        return (*facts, ("strongly monotone with modulus", modulus, "S")) if modulus else facts
+        return _strictness(name in context.strict_loads, modulus)
 
     return handler
 
@@ -189,9 +205,7 @@ def check_pair(pieces: Pieces, data: Data) -> tuple[Fact, ...]:
 def disk(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
     """The handler of `monotone-disk`."""
     law, centre, radius = context.disk(name)
-    given, rest = data.optional("modulus")
-    modulus = given.scalar() if given else Fraction(0)
-    require(modulus > 0 or given is None, "the modulus is not positive")
+    modulus, rest = read_modulus(data)
     below, rest = rest.optional("denominator")
     denominator = None
     if below is not None:
@@ -203,8 +217,7 @@ def disk(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
     if strict:
         context.strict_loads.add(name)
     context.moduli[name] = modulus
-    facts: tuple[Fact, ...] = (("strictly monotone", Fraction(int(strict)), ""),)
-    return (*facts, ("strongly monotone with modulus", modulus, "S")) if modulus else facts
+    return _strictness(strict, modulus)
 
 
 def _disk_sum(data: Data) -> disks.DiskSum:
@@ -215,11 +228,10 @@ def _disk_sum(data: Data) -> disks.DiskSum:
 
 def sampled_disk(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
     """Evidence, as `sampled`, for a load given by its current."""
-    (count,) = (part.scalar() for part in data.fields("points"))
-    require(count.denominator == 1 and 0 < count <= MAX_SAMPLES, "the number of points is absurd")
-    disks.sampled_disk(*context.disk(name), count.numerator)
+    count = _read_count(data, MAX_SAMPLES)
+    disks.sampled_disk(*context.disk(name), count)
     context.sampled.add(name)
-    return (("voltages tried without a violation", count, ""),)
+    return (("voltages tried without a violation", Fraction(count), ""),)
 
 
 def current_pair(context: Context, name: str, data: Data) -> tuple[Fact, ...]:

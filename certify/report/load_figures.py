@@ -53,7 +53,7 @@ def draw_figures(options: Any, results: Sequence[Result]) -> list[str]:
     figures: dict[str, Any] = {}
     if known:
         laws = [(r.name or f"row {r.number}", r.law, r.base) for r in known if r.law is not None and r.base is not None]
-        statuses = [r.verdict if r.verdict in ("proved", "refuted") else "unknown" for r in known]
+        statuses = [_status(r) for r in known]
         bands = {(r.band[0] / r.base, r.band[1] / r.base) for r in known if r.base}
         hull = (min(low for low, _ in bands), max(high for _, high in bands))
         title = f"{statuses.count('proved'):,} of {len(known):,} loads are monotone"
@@ -63,22 +63,18 @@ def draw_figures(options: Any, results: Sequence[Result]) -> list[str]:
         title += f" ({left_out:,} with a cut-off or given by their current not drawn)" if left_out else ""
         figures["margins"] = margin_figure(laws, hull, statuses, title=title)
     kinds = {type(r.load) for r in known} or {ExpLoad, ZipLoad}
-    if ExpLoad in kinds or kinds == {type(None)}:
-        figures["exponents"] = exponent_map(
-            factors,
-            band,
-            lambda np, nq, square: _word(exponents_hold(np, nq, square, band)),
-            [point for r in known if isinstance(r.load, ExpLoad) for point in _point(r)],
-            cells=cells,
-        )
-    if ZipLoad in kinds or kinds == {type(None)}:
-        figures["fractions"] = fraction_map(
-            factors,
-            band,
-            lambda Zp, Pp, square: _word(fractions_hold(Zp, Pp, square, band)),
-            [point for r in known if isinstance(r.load, ZipLoad) for point in _point(r)],
-            cells=cells,
-        )
+    maps: tuple[tuple[str, type, Any, Any], ...] = (
+        ("exponents", ExpLoad, exponent_map, exponents_hold),
+        ("fractions", ZipLoad, fraction_map, fractions_hold),
+    )
+    for name, kind, draw, holds in maps:
+        if kind in kinds or kinds == {type(None)}:
+
+            def decide(x: Fraction, y: Fraction, square: Fraction, holds: Any = holds) -> str:
+                return _word(holds(x, y, square, band))
+
+            points = [point for r in known if isinstance(r.load, kind) for point in _point(r)]
+            figures[name] = draw(factors, band, decide, points, cells=cells)
     written = []
     try:
         folder.mkdir(exist_ok=True)
@@ -103,8 +99,12 @@ def _point(result: Result) -> Iterator[Point]:
         P, Q = (load.Y[k] * base**2 + load.I[k] * base + load.P[k] for k in (0, 1))
         place = (load.Y[0] * base**2 / P, load.P[0] / P) if P else (P, P)
     if P > 0:
-        verdict = result.verdict if result.verdict in ("proved", "refuted") else "unknown"
-        yield Point(*place, Fraction(math.cos(math.atan2(Q, P))), verdict)
+        yield Point(*place, Fraction(math.cos(math.atan2(Q, P))), _status(result))
+
+
+def _status(result: Result) -> str:
+    """How a load is coloured: what is only sampled is undecided."""
+    return result.verdict if result.verdict in ("proved", "refuted") else "unknown"
 
 
 def _per_unit(band: Sequence[str]) -> Pair:

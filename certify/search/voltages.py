@@ -51,6 +51,11 @@ def float_law(law: LoadLaw) -> Callable[[float], tuple[float, float, float]]:
     return values
 
 
+def _bottom(band: Pair) -> Fraction:
+    """The lower end of a band, or a voltage far below it if that is zero: nothing happens below a cut-off."""
+    return band[0] or band[1] / 2**20
+
+
 def smallest_eigenvalue(G: float, radial: float, cross: float) -> float:
     """Of the symmetric part of the Jacobian, in siemens."""
     return (G + radial) / 2 - math.hypot((radial - G) / 2, cross / 2)
@@ -58,7 +63,7 @@ def smallest_eigenvalue(G: float, radial: float, cross: float) -> float:
 
 def least_eigenvalue(law: LoadLaw, band: Pair, points: int = 24) -> float:
     """The smallest eigenvalue on a grid of voltages, improved by a parabola around the lowest point."""
-    low, high = float(band[0] or band[1] / 2**20), float(band[1])
+    low, high = float(_bottom(band)), float(band[1])
     values = float_law(law)
 
     def at(v: float) -> float:
@@ -77,7 +82,7 @@ def least_eigenvalue(law: LoadLaw, band: Pair, points: int = 24) -> float:
 
 def may_be_violated(law: LoadLaw, band: Pair, points: int = 16) -> bool:
     """Whether G or D is negative at one of a few voltages, or so small that a refutation should be tried first."""
-    low, high = float(band[0] or band[1] / 2**20), float(band[1])
+    low, high = float(_bottom(band)), float(band[1])
     values = float_law(law)
     return any(_is_below(1e-4, *values(low + (high - low) * k / points)) for k in range(points + 1))
 
@@ -90,12 +95,11 @@ def _is_below(share: float, G: float, radial: float, cross: float) -> bool:
 
 def _inside(v: float, band: Pair) -> Fraction:
     """A voltage of the band near v, of few digits unless it is an end."""
-    low = band[0] or band[1] / 2**20
-    return min(max(round_to_digits(Fraction(v), 4), low), band[1])
+    return min(max(round_to_digits(Fraction(v), 4), _bottom(band)), band[1])
 
 
 def _grid(band: Pair) -> list[Fraction]:
-    low = band[0] or band[1] / 2**20  # nothing happens below a cut-off
+    low = _bottom(band)
     inner = (round_to_digits(low + (band[1] - low) * Fraction(k, GRID), 4) for k in range(1, GRID))
     return [low, *(v for v in inner if low < v < band[1]), band[1]]
 
@@ -103,7 +107,7 @@ def _grid(band: Pair) -> list[Fraction]:
 def find_violations(law: LoadLaw, band: Pair) -> list[Fraction]:
     """Voltages of the band where G or D is negative as far as one sees, the plainest first."""
     found, values = [], float_law(law)
-    low, high = float(band[0] or band[1] / 2**20), float(band[1])
+    low, high = float(_bottom(band)), float(band[1])
     for k in range(GRID + 1):
         v = low + (high - low) * k / GRID
         G, radial, cross = values(v)
