@@ -381,6 +381,43 @@ kettle,2,1,230,0.96,0.05,-0.01,0,0,1""",
         'give the C of these lines no tolerance: tolerance = { C = "0 %" }',
     ),
     Diagnostic(
+        "P212",
+        "nothing makes the voltage of a DGU its reference",
+        "Without integral action on both axes (K13 missing or singular) a DGU comes to rest at a voltage that "
+        "depends on the network, and no rule proves where. Of a linear loop it is asked that C F^-1 B = 0: no "
+        "current moves its voltage at rest.",
+        'integral action on both axes, or kind = "constant" for an inverter without feedback',
+    ),
+    Diagnostic(
+        "P213",
+        "no equilibrium found",
+        "Newton's method found no voltages at which all currents add up, also when the loads were switched on little "
+        "by little. There may be none: the loads may be more than the lines can carry. That is evidence, not a proof.",
+        "less load, shorter lines, or a DGU nearer to the load",
+    ),
+    Diagnostic(
+        "P214",
+        "existence of the equilibrium not proved",
+        "In floats there is one, but the equations are not shown to be strongly monotone around it: loads of constant "
+        "power near the most that the lines can carry, or tolerances too wide. Or an inverter is as good as at its "
+        "limits.",
+        "less load, smaller tolerances, or wider limits",
+    ),
+    Diagnostic(
+        "P215",
+        "a load outside its band at the equilibrium",
+        "The equilibrium that was found, in floats, has the voltage of a load outside the band in which the claim "
+        "about the load is made, so nothing follows for it.",
+        "a wider voltage_band, other references, less load or stronger lines",
+    ),
+    Diagnostic(
+        "P216",
+        "no region of attraction",
+        "It needs a proved equilibrium, all claims about the parts of its island, and room: no load at the end of its "
+        "band and no inverter at its limits.",
+        "look at the claims about the equilibrium and the invariant set of this island first",
+    ),
+    Diagnostic(
         "P205",
         "undecided",
         "The rule for this claim does not apply.",
@@ -495,6 +532,39 @@ kettle,2,1,230,0.96,0.05,-0.01,0,0,1""",
         "Where nothing dissipates, line currents rest, so all voltage deviations are equal; at the pin they vanish; "
         "and then no DGU can move unseen. Checked by exact ranks.",
         "needs one strictly monotone load, series R-L load or suitable DGU on each island",
+    ),
+    Diagnostic(
+        "strong-monotonicity",
+        "proof rule: the equilibrium of an island",
+        "Around the voltages given, the currents E(V) into the nodes that no DGU holds satisfy Re <V - U, f (E(V) - "
+        "E(U))> >= mu |V - U|^2, and |f E| <= mu rho: so exactly one equilibrium lies within rho. mu comes from the "
+        "lines, by weights that make the real part of their admittance matrix diagonally dominant, and from the "
+        "slopes of the loads. All in enclosures. If the loads are monotone on their bands, no other equilibrium has "
+        "them all there.",
+        "needs integral action (or constant = inverters) and loads well below what the lines can carry",
+    ),
+    Diagnostic(
+        "limits-exceeded",
+        "refutation: an inverter would need more than its limits",
+        "The only equilibrium with all loads in their bands is known, and there the voltage u = V + (R + j w0 L) I "
+        "that an inverter has to make is larger than a limit of it. So with these references the network does not "
+        "come to rest unsaturated.",
+        "references closer together, less load, or wider limits",
+    ),
+    Diagnostic(
+        "reference-outside-band",
+        "refutation: a reference outside the band of the load at the same node",
+        "The DGU keeps its node at its reference, and its modulus is not strictly inside the band in which the claim "
+        "about the load at that node is made.",
+        "another reference, or a wider band",
+    ),
+    Diagnostic(
+        "sublevel-set",
+        "proof rule: region of attraction",
+        "Below the level c the sum H of all storage functions leaves no room for a load to leave its band or an "
+        "inverter to reach its limits: c = min (margin^2 / (2 k)), |x|^2 <= 2 k H. H does not increase, so what "
+        "starts below c stays, and by LaSalle's principle tends to the equilibrium. Without such bounds it is global.",
+        'a wider band, a cut-off (below = "constant-impedance"), more capacitance at the limiting node',
     ),
     Diagnostic(
         "passive-interconnection",

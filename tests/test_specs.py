@@ -42,7 +42,7 @@ def test_each_negative_spec_fails_in_the_way_it_says(path: Path) -> None:
     failing = [c for c in certificate.verdict.claims if c.status == words[0]]
     assert failing[0].id == words[1]
     others = [c for c in certificate.verdict.claims if c.status != "proved" and c is not failing[0]]
-    assert {c.id.split("/")[0] for c in others} <= {"invariant-set", "microgrid"}  # one trap only
+    assert {c.id.split("/")[0] for c in others} <= {"invariant-set", "microgrid", "region"}  # one trap only
 
 
 def test_there_are_enough_negative_specs() -> None:
@@ -59,7 +59,8 @@ def test_cigre_in_full() -> None:
     claims = prove((ROOT / "specs" / "cigre-mv.toml").read_bytes()).verdict.claims
     kinds = [claim.id.split("/")[0] for claim in claims]
     counts = {kind: kinds.count(kind) for kind in kinds}
-    assert counts == {"line": 12, "dgu": 6, "load": 9, "interconnection": 1, "invariant-set": 1, "microgrid": 1}
+    network = {"interconnection": 1, "invariant-set": 1, "microgrid": 1, "equilibrium": 1, "region": 1}
+    assert counts == {"line": 12, "dgu": 6, "load": 9, **network}
     assert {claim.status for claim in claims} == {"proved"}
 
 

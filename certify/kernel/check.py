@@ -85,7 +85,7 @@ def _check_claims(grid: Microgrid, document: dict[str, Any]) -> Verdict:
         raise Rejected("K105", "claims", f"{len(listed)} claims, but the spec calls for {len(expected)}")
     if used != set(proofs):
         raise Rejected("K109", "proofs", "there is a proof that no claim uses")
-    ledger = assumptions(grid, context.sampled)
+    ledger = assumptions(context)
     if document["assumptions"] != ledger:
         raise Rejected("K110", "assumptions", "the ledger is not the one that this spec calls for")
     outcome = overall(context.status)

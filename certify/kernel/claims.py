@@ -8,6 +8,7 @@ from fractions import Fraction
 from itertools import product
 from typing import Any
 
+from certify.kernel.balls import Ball
 from certify.kernel.currents import CurrentLaw
 from certify.kernel.errors import RuleFailure
 from certify.kernel.linalg import Matrix
@@ -21,7 +22,7 @@ from certify.kernel.model import (
     load_pieces,
     node_capacitances,
 )
-from certify.kernel.spec import Line, LinearLoop, Microgrid, components
+from certify.kernel.spec import IdaPbc, Line, LinearLoop, Microgrid, Node, StateFeedback, components
 
 Fact = tuple[str, Fraction, str]
 
@@ -62,6 +63,24 @@ def to_text(x: Fraction) -> str:
     return f"about {near}"
 
 
+# A DGU by its node, or a mode of it under saturation: the node, and the axes "d", "q" or "dq" held at their limits.
+Mode = str | tuple[str, str]
+Forms = tuple[tuple[LinearPort, Matrix], ...]  # the port and the storage matrix P
+
+
+def split(mode: Mode) -> tuple[str, str]:
+    """The node, and the axes that are held at their limits."""
+    return (mode, "") if isinstance(mode, str) else mode
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A proved equilibrium: the balls of the node voltages and of the voltages at the terminals of inverters, in V."""
+
+    voltages: dict[str, Ball]
+    terminals: dict[str, Ball]
+
+
 class Context:
     """The model of one spec, and what its claims have established so far."""
 
@@ -76,38 +95,43 @@ class Context:
             self.lines_at[line.end].append(line)
         self.status: dict[str, str] = {}
         self.strict_loads: set[str] = set()
-        self.storages: dict[str, tuple[Any, LinearPort, Matrix]] = {}  # what it depends on, the port, M
-        self.shortages: dict[str, Fraction] = {}  # of the DGUs that are passive but for a shortage
+        self.storages: dict[Mode, tuple[Any, LinearPort, Matrix]] = {}  # what it depends on, the port, M
+        self.forms: dict[Mode, Forms] = {}  # the same storages, at every corner of a box of tolerances
+        self.shortages: dict[Mode, Fraction] = {}  # of the DGUs that are passive but for a shortage
         self.sampled: set[str] = set()  # the loads of which only evidence is given
         self.margins: dict[str, Fraction] = {}  # of the denominators of loads given by their currents
         self.moduli: dict[str, Fraction] = {}  # of strong monotonicity of the loads, as far as proved
+        self.equilibria: dict[str, Rest] = {}  # by the first node of the island
         self.memo: dict[Any, Any] = {}
 
-    def key(self, name: str) -> Any:
+    def key(self, mode: Mode) -> Any:
         """What the port of the DGU at this node depends on."""
+        name, held = split(mode)
         dgu = self.nodes[name].dgu
-        return dgu and (dgu.filter, dgu.controller, *(self.capacitances[sign][name] for sign in SIGNS))
+        return dgu and (dgu.filter, dgu.controller, held, *(self.capacitances[sign][name] for sign in SIGNS))
 
-    def corners(self, name: str) -> tuple[str, ...]:
+    def corners(self, mode: Mode) -> tuple[str, ...]:
         """The corners of the box of R, L and C at a DGU, one sign each; only "000" without tolerances."""
+        name, _ = split(mode)
         dgu = self.nodes[name].dgu
         low, high = (self.capacitances[sign][name] for sign in "-+")
         off = dgu.filter.tolerance[:2] if dgu and dgu.filter else ()
         free = (*off, high - low) if off else (0, 0, high - low)
         return tuple("".join(signs) for signs in product(*("-+" if x else "0" for x in free)))
 
-    def port(self, name: str, signs: str = "000") -> LinearPort:
+    def port(self, mode: Mode, signs: str = "000") -> LinearPort:
         """The port of a DGU at its values, or at a corner of its box."""
+        name, held = split(mode)
         dgu = self.nodes[name].dgu
         if dgu is None:
             raise RuleFailure(f"there is no DGU at node {name}")
-        if signs != "000" and signs not in self.corners(name):
+        if signs != "000" and signs not in self.corners(mode):
             raise RuleFailure("there is no such corner")
         if dgu.filter and not isinstance(dgu.controller, LinearLoop):
             dgu = replace(dgu, filter=at_corner(dgu.filter, signs))
         try:
             port: LinearPort = self.once(
-                (self.key(name), signs), lambda: dgu_port(dgu, self.capacitances[signs[2]][name], self.grid.w0)
+                (self.key(mode), signs), lambda: dgu_port(dgu, self.capacitances[signs[2]][name], self.grid.w0, held)
             )
         except ZeroDivisionError:
             raise RuleFailure("the line legs make this linear loop algebraic: C B leaves no capacitance") from None
@@ -136,6 +160,8 @@ class Context:
 
 
 Subject = tuple[str, Any]
+BESIDE = ("mode", "saturated")  # claims that add to a verdict, and on which it does not depend
+RESTS = ("equilibrium", "region")  # claims that become assumptions if they are not proved
 
 
 def statements(context: Context) -> dict[str, tuple[Subject, str]]:
@@ -143,16 +169,19 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
     claims: dict[str, tuple[Subject, str]] = {}
     grid = context.grid
     passive = "equilibrium-independent passive"
+
+    def within(node: Node) -> str:
+        own = node.dgu.filter.tolerance if node.dgu and node.dgu.filter else ()
+        return _within(own, len(context.corners(node.name)) > 1)
+
     for line in grid.lines:
         branch = f"{to_text(line.branch.resistance_ohm)} ohm, {to_text(line.branch.inductance_henry)} H"
         box = _within(line.branch.tolerance)
         claims[f"line/{line.name}"] = ("branch", line.branch), f"line {line.name} ({branch}) is strictly {passive}{box}"
     for node in grid.nodes:
         if node.dgu:
-            box = _within(node.dgu.filter.tolerance if node.dgu.filter else (), len(context.corners(node.name)) > 1)
-            text = (
-                f"the controlled DGU at node {node.name} is {passive}, with a positive definite storage function{box}"
-            )
+            definite = f"{passive}, with a positive definite storage function{within(node)}"
+            text = f"the controlled DGU at node {node.name} is {definite}"
             claims[f"dgu/{node.name}"] = ("dgu", node.name), text
         if node.band_volt:
             low, high = (to_text(v) for v in node.band_volt)
@@ -180,6 +209,32 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
     text = f"every equilibrium with all load voltages strictly inside their {places} is asymptotically stable"
     text += ", for all values within the tolerances" if any(", for all" in said for _, said in claims.values()) else ""
     claims["microgrid"] = ("microgrid", None), text
+    for island in context.islands:
+        claims |= _equilibrium_claims(context, island, text.endswith("tolerances"))
+    for node in grid.nodes:
+        if node.dgu and node.dgu.limits_volt and isinstance(node.dgu.controller, IdaPbc | StateFeedback):
+            for held, axes in (("d", "its d axis"), ("q", "its q axis"), ("dq", "both axes")):
+                definite = f"{passive}, with a positive definite storage function{within(node)}"
+                text = f"with {axes} held at the limit the DGU at node {node.name} is {definite}"
+                claims[f"mode/{node.name}/{held}"] = ("dgu", (node.name, held)), text
+    return claims
+
+
+def _equilibrium_claims(context: Context, island: tuple[str, ...], box: bool) -> dict[str, tuple[Subject, str]]:
+    """Of one island: that an equilibrium exists, from where it is reached, what if inverters are at their limits."""
+    where = f"on the island of node {island[0]} (nodes: {len(island)})"
+    within = ", for all values within the tolerances" if box else ""
+    limited = [name for name in island for dgu in [context.nodes[name].dgu] if dgu and dgu.limits_volt]
+    bands = "every load voltage strictly inside its band"
+    inside = f"{bands} and every inverter strictly inside its limits" if limited else bands
+    exists = f"{where} an equilibrium exists, alone in a neighbourhood, with"
+    claims: dict[str, tuple[Subject, str]] = {}
+    claims[f"equilibrium/{island[0]}"] = ("equilibrium", island), f"{exists} {inside}{within}"
+    text = f"{where} motion from below some level of the storage stays below it and tends to the equilibrium{within}"
+    claims[f"region/{island[0]}"] = ("region", island), text
+    if limited:
+        held = "with both axes of all inverters that have limits held at them, in the direction of the references, "
+        claims[f"saturated/{island[0]}"] = ("saturated", island), f"{held}{exists} {bands}{within}"
     return claims
 
 
@@ -192,37 +247,55 @@ def but_for_a_shortage(statement: str, shortage: Fraction) -> str:
     return f"{statement} - but for a shortage: S' <= <z~, d~> + eps |d~|^2 with eps = {to_text(shortage)} ohm"
 
 
-def assumptions(grid: Microgrid, sampled: Iterable[str] = ()) -> list[dict[str, str]]:
-    """The ledger: what the proof takes as given. None of these can be discharged by the tool."""
+def assumptions(context: Context) -> list[dict[str, str]]:
+    """The ledger: what the proof takes as given, after all claims have their status."""
+    grid = context.grid
     ledger = {
         "balanced": "voltages and currents are balanced three-phase, without zero sequence",
         "synchronous-frame": f"all dq frames turn at w0 = {to_text(grid.w0)} rad/s (2 pi f to 40 digits) in phase",
         "parameters": "every R, L, C, gain and load coefficient has, and keeps, exactly the value in the spec, or one "
         "value within its tolerance where the spec states one: what a scenario changes is not covered",
         "averaged-inverter": "each inverter applies the voltage that its controller asks for, without delay or ripple",
-        "equilibrium": "the statement is about every equilibrium; not claimed: that one exists, how far it attracts",
     }
     if not grid.line_legs_at_dgus:
         ledger["line-legs"] = "the capacitance of the lines at nodes with a DGU is neglected, as the spec asks"
     if own := [node.name for node in grid.nodes if node.dgu and isinstance(node.dgu.controller, LinearLoop)]:
-        ledger["linear-loop"] = f"z is the voltage of the node and d the current into it, at nodes {', '.join(own)}"
+        text = "z is the voltage of the node and d the current into it; what is at rest whatever d is the reference"
+        ledger["linear-loop"] = f"{text}: nodes {', '.join(own)}"
     if any(load.cutoff_volt is not None for node in grid.nodes for load in node.loads):
         ledger["cut-off"] = "loads with a cut-off draw, below it, the current of the impedance that they are there"
     limited = [node.name for node in grid.nodes if node.dgu and node.dgu.limits_volt]
     if limited:
-        ledger["unsaturated"] = f"the inverters with limits do not saturate: nodes {', '.join(limited)}"
-    for name in sorted(sampled):
+        text = "not covered is what inverters do beyond their limits: switching between modes, integrators that wind up"
+        ledger["unsaturated"] = f"{text}: nodes {', '.join(limited)}"
+    for name in sorted(context.sampled):
         ledger[f"sampled/{name}"] = f"the load current at node {name} is monotone on its band: tried, and not proved"
+    for island in context.islands:
+        name, where = island[0], f"on the island of node {island[0]}"
+        if context.status[f"equilibrium/{name}"] == "unknown":
+            ledger[f"equilibrium/{name}"] = (
+                f"{where} an equilibrium exists, as it is claimed: neither proved nor refuted"
+            )
+        elif context.status[f"region/{name}"] == "unknown":
+            ledger[f"region/{name}"] = f"{where} the motion starts near enough to the equilibrium: no level is proved"
     return [{"name": name, "statement": text} for name, text in ledger.items()]
 
 
 def overall(statuses: dict[str, str]) -> str:
-    """The verdict that follows from the status of every claim."""
-    if "refuted" in statuses.values():
+    """The verdict that follows from the status of every claim but those about what inverters do at their limits.
+
+    That an equilibrium exists, and attracts, is an assumption if it is not proved: stability does not depend on it.
+    """
+    found = {
+        "conditional" if status == "unknown" and name.split("/")[0] in RESTS else status
+        for name, status in statuses.items()
+        if name.split("/")[0] not in BESIDE
+    }
+    if "refuted" in found:
         return "refuted"
-    if set(statuses.values()) == {"proved"}:
+    if found == {"proved"}:
         return "certified"
-    return "conditional" if set(statuses.values()) == {"proved", "conditional"} else "unknown"
+    return "conditional" if found == {"proved", "conditional"} else "unknown"
 
 
 def corner_facts(signs: str, quantities: Iterable[tuple[str, Fraction, str]]) -> tuple[Fact, ...]:

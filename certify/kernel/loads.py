@@ -305,6 +305,35 @@ def sampled(law: LoadLaw, band: Pair, count: int) -> None:
         require(G[1] >= 0 and D[1] >= 0, "a sample shows that the load is not monotone")
 
 
+def is_monotone_beyond(law: LoadLaw, v: Fraction, upward: bool) -> bool:
+    """Whether G >= 0 and D >= 0 are shown for all voltages above v, or below it; below also that I(V) -> 0 for V -> 0.
+
+    G and D v^2 are sums of powers a_k t^(e_k), t = (voltage / v) >= 1: not negative if no partial sum of the a_k is,
+    taken from the largest exponent down (Abel's summation); below v from the smallest exponent up.
+    """
+    if is_constant_admittance(law):
+        return sum((t.coefficient for t in law.active), Fraction(0)) >= 0
+    if not v or (not upward and any(t.exponent <= 1 for t in (*law.active, *law.reactive))):
+        return False
+    active, reactive = (admittances(terms, v, PRECISIONS[0]) for terms in (law.active, law.reactive))
+    G: dict[Fraction, list[Interval]] = {}
+    D: dict[Fraction, list[Interval]] = {}
+    for e, x in active:
+        G.setdefault(e, []).append(x)
+        for f, y in active:
+            D.setdefault(e + f, []).append(total([(f, interval_product(x, y))], [f - 1]))
+    for e, x in reactive:
+        for f, y in reactive:
+            D.setdefault(e + f, []).append(total([(f, interval_product(x, y))], [-(e - 2) * (f - 2) / 4]))
+    for powers in (G, D):
+        partial = Fraction(0)
+        for e in sorted(powers, reverse=upward):
+            partial += interval_sum(powers[e])[0]
+            if partial < 0:
+                return False
+    return bool(active)
+
+
 # --- refutation, and numbers that later rules use -----------------------------------------------------------------
 
 

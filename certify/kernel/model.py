@@ -17,7 +17,18 @@ from certify.kernel.linalg import Matrix, add, block, identity, multiply, scale,
 from certify.kernel.powers import PRECISIONS, power_enclosure
 from certify.kernel.quantity import QuantityError
 from certify.kernel.reader import Pair
-from certify.kernel.spec import Dgu, ExpLoad, Filter, IdaPbc, LinearLoop, Microgrid, Node, StateFeedback, ZipLoad
+from certify.kernel.spec import (
+    ConstantVoltage,
+    Dgu,
+    ExpLoad,
+    Filter,
+    IdaPbc,
+    LinearLoop,
+    Microgrid,
+    Node,
+    StateFeedback,
+    ZipLoad,
+)
 
 J = to_matrix([[0, -1], [1, 0]])  # multiplication by j
 I2 = identity(2)
@@ -127,11 +138,16 @@ def less_conductance(law: LoadLaw, modulus: Fraction) -> LoadLaw:
     return LoadLaw((*law.active, PowerTerm(-modulus, Fraction(1), Fraction(2))), law.reactive)
 
 
-def to_state_feedback(law: IdaPbc) -> StateFeedback:
-    """An IDA-PBC law with integral action as u = K11 V + K12 I + K13 v, in deviations (v = -xi; THEORY 4).
+def to_state_feedback(law: IdaPbc | StateFeedback | ConstantVoltage) -> StateFeedback:
+    """Any of these laws as u = K11 V + K12 I + K13 v, in deviations (for IDA-PBC v = -xi; THEORY 4).
 
-    Its own inductance, resistance and w0 enter, not the plant's; its j-term is constant and drops out.
+    Of an IDA-PBC law its own inductance, resistance and w0 enter, not the plant's; its j-term is constant and drops
+    out.
     """
+    if isinstance(law, StateFeedback):
+        return law
+    if isinstance(law, ConstantVoltage):
+        return StateFeedback(zeros(2, 2), zeros(2, 2), None)
 
     def diagonal(d: Fraction, q: Fraction) -> Matrix:
         return ((d, Fraction(0)), (Fraction(0), q))
@@ -144,11 +160,24 @@ def to_state_feedback(law: IdaPbc) -> StateFeedback:
     return StateFeedback(K11, K12, K13)
 
 
-def dgu_port(dgu: Dgu, capacitance_farad: Fraction, w0: Fraction) -> LinearPort:
+def feedback(law: IdaPbc | StateFeedback | ConstantVoltage, held: str = "") -> tuple[Matrix, tuple[int, ...]]:
+    """K of u~ = K x~, x = (V, I, v), shape (2, 4 + number of integrators), and the axes of these integrators.
+
+    The axes named in `held` ("d", "q", "dq") are at their limits: u~ is zero there, and an integrator that acts on no
+    other axis is left out, because it winds up without an effect (THEORY 7).
+    """
+    gains = to_state_feedback(law)
+    parts = (gains.K11, gains.K12, gains.K13 or zeros(2, 0))
+    rows = [[ZERO if "dq"[i] in held else x for part in parts for x in part[i]] for i in (0, 1)]
+    axes = tuple(k for k in range(len(rows[0]) - 4) if "dq"[k] not in held or any(row[4 + k] for row in rows))
+    return tuple((*row[:4], *(row[4 + k] for k in axes)) for row in rows), axes
+
+
+def dgu_port(dgu: Dgu, capacitance_farad: Fraction, w0: Fraction, held: str = "") -> LinearPort:
     """The shifted closed loop of a DGU without its load (paper, eq. control:dgu_augemented_shifted, in V, I, v).
 
-    `capacitance_farad` is all the capacitance at the node, as `node_capacitances` gives it.
-    Raises: ZeroDivisionError if the legs of the lines make a user's linear loop algebraic.
+    `capacitance_farad` is all the capacitance at the node, as `node_capacitances` gives it; `held`: the axes at their
+    limits. Raises: ZeroDivisionError if the legs of the lines make a user's linear loop algebraic.
     """
     law = dgu.controller
     if isinstance(law, LinearLoop):
@@ -159,15 +188,13 @@ def dgu_port(dgu: Dgu, capacitance_farad: Fraction, w0: Fraction) -> LinearPort:
         return LinearPort(solve(load, inner), solve(load, law.B), law.C)
     if dgu.filter is None:
         raise ValueError("a DGU without a filter needs a linear loop")
-    gains = to_state_feedback(law) if isinstance(law, IdaPbc) else law
-    inductance, c = dgu.filter.inductance_henry, capacitance_farad
-    G = add(I2, scale(-1, gains.K11))
-    H = add(add(scale(-dgu.filter.resistance_ohm, I2), scale(-w0 * inductance, J)), gains.K12)
-    Z, per_c, K13 = zeros(2, 2), scale(1 / c, I2), gains.K13 or zeros(2, 2)
-    rows = [scale(1 / inductance, a) for a in (scale(-1, G), H, K13)]
-    n = 3 if gains.K13 else 2  # blocks of states: V, I and the integrator, if there is one
-    F = block([row[:n] for row in ([scale(-w0, J), per_c, Z], rows, [scale(-1, I2), Z, Z])[:n]])
-    return LinearPort(F, block([[per_c], [Z], [Z]][:n]), block([[I2, Z, Z][:n]]), c)
+    c, (K, axes) = capacitance_farad, feedback(law, held)
+    n, per_c = len(axes), scale(1 / capacitance_farad, I2)
+    impedance = add(scale(dgu.filter.resistance_ohm, I2), scale(w0 * dgu.filter.inductance_henry, J))
+    branch = add(K, block([[scale(-1, I2), scale(-1, impedance), zeros(2, n)]]))  # L I~' = u~ - V~ - (R + j w0 L) I~
+    rest = tuple(tuple(-ONE if j == k else ZERO for j in range(4 + n)) for k in axes)  # v' = -V~
+    rows = (*block([[scale(-w0, J), per_c, zeros(2, n)]]), *scale(1 / dgu.filter.inductance_henry, branch), *rest)
+    return LinearPort(rows, (*per_c, *zeros(2 + n, 2)), block([[I2, zeros(2, 2 + n)]]), c)
 
 
 def load_pieces(node: Node) -> Pieces:

@@ -7,8 +7,8 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
-from certify.kernel import load_proofs, rules
-from certify.kernel.claims import Context, Fact, corner_facts
+from certify.kernel import equilibrium, load_proofs, region, rules
+from certify.kernel.claims import Context, Fact, Forms, Mode, corner_facts, split
 from certify.kernel.data import Data
 from certify.kernel.errors import require
 from certify.kernel.linalg import Matrix, block, identity, scale, zeros
@@ -39,20 +39,21 @@ def full_storage(port: LinearPort, given: Matrix) -> Matrix:
     return block([[scale(c, identity(2)), zeros(2, k)], [zeros(k, 2), given]]) if k else scale(c, identity(2))
 
 
-def _storage(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
+def _storage(context: Context, name: Mode, data: Data) -> tuple[Fact, ...]:
     (part,) = data.fields("storage")
     require(context.corners(name) == ("000",), "with tolerances a shortage has to be stated")
     port = context.port(name)
     key = (context.key(name), tuple(row.text() for row in part.items()))
-    found: rules.Storage = context.once(key, lambda: rules.quadratic_storage(port, full_storage(port, part.matrix())))
-    context.storages[name] = (key, port, found.M)
+    P: Matrix = context.once(("P", key), lambda: full_storage(port, part.matrix()))
+    found: rules.Storage = context.once(key, lambda: rules.quadratic_storage(port, P))
+    context.storages[name], context.forms[name] = (key, port, found.M), ((port, P),)
     facts = [("smallest pivot of the storage matrix", min(found.storage_pivots), "")]
     damped = [p for p in found.dissipation_pivots if p]
     facts.append((f"dissipation matrix of rank {len(damped)}, smallest pivot", min(damped, default=Fraction(0)), ""))
     return tuple(facts)
 
 
-def _index(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
+def _index(context: Context, name: Mode, data: Data) -> tuple[Fact, ...]:
     """Rule `index-storage`, at every corner of the box (THEORY 10); a witness tells how small a shortage can be."""
     witness, rest = data.optional("witness")
     shortage_text, part = rest.fields("shortage", "storage")
@@ -65,17 +66,19 @@ def _index(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
         "no rule covers the tolerance of the lines at a linear loop",
     )
 
-    def prove() -> list[rules.Storage]:
+    def prove() -> tuple[Forms, list[rules.Storage]]:
         P0 = part.matrix()
         require(len(P0) == len(context.port(name).F) == len(P0[0]), "the storage matrix has another size")
         ports = [context.port(name, signs) for signs in corners]
-        return [rules.index_storage(port, rules.storage_at(port, P0), shortage) for port in ports]
+        forms = tuple((port, rules.storage_at(port, P0)) for port in ports)
+        return forms, [rules.index_storage(port, P, shortage) for port, P in forms]
 
     key = (context.key(name), shortage, tuple(row.text() for row in part.items()))
-    found: list[rules.Storage] = context.once(key, prove)
+    found: list[rules.Storage]
+    forms, found = context.once(key, prove)
     strict = all(min(storage.dissipation_pivots) > 0 for storage in found)
     require(len(found) == 1 or strict, "the dissipation is not positive definite at every corner")
-    context.storages[name] = (key, context.port(name, corners[0]), found[0].M)
+    context.storages[name], context.forms[name] = (key, forms[0][0], found[0].M), forms
     context.shortages[name] = shortage
     facts = [("shortage eps", shortage, "ohm")]
     if witness is not None:
@@ -100,7 +103,7 @@ def _point(port: LinearPort, data: Data) -> tuple[Complex, list[Complex], Fracti
     return (point[0], point[1]), pairs, rules.frequency_witness(port, (point[0], point[1]), pairs)
 
 
-def _frequency(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
+def _frequency(context: Context, name: Mode, data: Data) -> tuple[Fact, ...]:
     signs, rest = data.corner()
     s0, parts, value = _point(context.port(name, signs or "000"), rest)
     facts = [("Re s0", s0[0], "1/s"), ("Im s0", s0[1], "rad/s")]
@@ -110,7 +113,8 @@ def _frequency(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
     return (*_dgu_corner(context, name, signs), *facts, ("Re(u* Z(s0) u)", value, "ohm"))
 
 
-def _dgu_corner(context: Context, name: str, signs: str) -> tuple[Fact, ...]:
+def _dgu_corner(context: Context, mode: Mode, signs: str) -> tuple[Fact, ...]:
+    name, _ = split(mode)
     dgu = context.nodes[name].dgu if signs else None
     if dgu is None:
         return ()
@@ -119,7 +123,7 @@ def _dgu_corner(context: Context, name: str, signs: str) -> tuple[Fact, ...]:
     return corner_facts(signs, [("R", own.resistance_ohm, "ohm"), ("L", own.inductance_henry, "H"), ("C", total, "F")])
 
 
-def _contradiction(context: Context, name: str, data: Data) -> tuple[Fact, ...]:
+def _contradiction(context: Context, name: Mode, data: Data) -> tuple[Fact, ...]:
     signs, rest = data.corner()
     faces, W, Y, y = rest.fields("faces", "W", "Y", "y")
     chain = []
@@ -218,4 +222,9 @@ RULES: dict[tuple[str, str, str], Callable[[Context, Any, Data], tuple[Fact, ...
     ("interconnection", "proved", "skew-incidence"): _interconnection,
     **{("island", status, "invariant-set"): partial(_island, status) for status in HOLDS},
     **{("microgrid", status, "passive-interconnection"): partial(_microgrid, status) for status in HOLDS},
+    ("equilibrium", "proved", "strong-monotonicity"): partial(equilibrium.equilibrium, False),
+    ("equilibrium", "refuted", "limits-exceeded"): equilibrium.limits_exceeded,
+    ("equilibrium", "refuted", "reference-outside-band"): equilibrium.reference_outside,
+    ("saturated", "proved", "strong-monotonicity"): partial(equilibrium.equilibrium, True),
+    **{("region", status, "sublevel-set"): partial(region.sublevel_set, status) for status in HOLDS},
 }

@@ -87,9 +87,14 @@ class LinearLoop:
 
 
 @dataclass(frozen=True)
+class ConstantVoltage:
+    """The terminal voltage is the reference, without feedback: an inverter in open loop, or one held at its limits."""
+
+
+@dataclass(frozen=True)
 class Dgu:
     filter: Filter | None
-    controller: IdaPbc | StateFeedback | LinearLoop
+    controller: IdaPbc | StateFeedback | LinearLoop | ConstantVoltage
     reference_volt: Pair
     limits_volt: Pair | None
 
@@ -197,7 +202,7 @@ class Decoder(TableReader):
     def __init__(self, document: Any) -> None:
         super().__init__()
         self.document = document
-        self.gains: dict[tuple[str, Filter | None], IdaPbc | StateFeedback | LinearLoop | None] = {}
+        self.gains: dict[tuple[str, Filter | None], IdaPbc | StateFeedback | LinearLoop | ConstantVoltage | None] = {}
 
     def frequency(self, raw: object, path: str) -> Fraction | None:
         """w0 in rad/s from a frequency in hertz."""
@@ -351,7 +356,8 @@ class Decoder(TableReader):
             return {"w0" if key == "frequency" else key: x for key, x in values.items() if x is not None}
 
         keys = _GAINS[kind][0]  # read after `let`, with its names in scope
-        schema: dict[str, tuple[Reader, Any]] = {"kind": (keep, None), "let": (let, None), "design": (design, {})}
+        schema: dict[str, tuple[Reader, Any]] = {"kind": (keep, None)}
+        schema |= {"let": (let, None), "design": (design, {})} if keys else {}
         schema |= {key: (gain, None if key == "K13" else REQUIRED) for key in keys}
         values = self.table(raw, path, schema)
         gains = {key: values[key] for key in keys if values[key] is not None}
@@ -363,7 +369,7 @@ class Decoder(TableReader):
                     f"{key} is {rows} x {width}" for key, (rows, width) in zip("FBC", shapes, strict=True)
                 )
                 self.fault("S103", path, f"F must be n x n, B n x 2 and C 2 x n, but {listed}")
-        return None if len(self.faults) > before else (kind, values["design"], formulas, gains)
+        return None if len(self.faults) > before else (kind, values.get("design", {}), formulas, gains)
 
     def evaluate(self, name: str, filter_: Filter | None) -> Any:
         """The controller called `name` with its formulas evaluated for one filter; faults are reported once."""
@@ -398,6 +404,8 @@ class Decoder(TableReader):
             self.fault("S207", f"{path}.nu", "nu is zero, and the control law divides by it")
         if len(self.faults) > before:
             return None
+        if kind == "constant":
+            return ConstantVoltage()
         if kind == "linear":
             return LinearLoop(matrix["F"], matrix["B"], matrix["C"])
         if kind == "state-feedback":
@@ -623,4 +631,5 @@ _GAINS = {
     "ida-pbc": (("alpha", "nu", "ki"), _pair_rows),
     "state-feedback": (("K11", "K12", "K13"), _square_rows),
     "linear": (("F", "B", "C"), _rectangle_rows),
+    "constant": ((), _rectangle_rows),
 }

@@ -26,6 +26,10 @@ _KINDS = {
     "interconnection": "interconnection",
     "invariant-set": "LaSalle, by island",
     "microgrid": "microgrid",
+    "equilibrium": "equilibrium, by island",
+    "region": "region of attraction, by island",
+    "mode": "DGUs at their limits",
+    "saturated": "equilibrium at the limits, by island",
 }
 SHOWN_ALONE = 12  # open claims listed one by one
 

@@ -19,7 +19,7 @@ from certify.kernel.errors import RuleFailure
 from certify.kernel.linalg import Matrix, Vector, add, block, identity, multiply, scale, zeros
 from certify.kernel.model import I2, J, dgu_port, to_state_feedback
 from certify.kernel.rules import quadratic_storage
-from certify.kernel.spec import Dgu, Filter, IdaPbc, LinearLoop, StateFeedback
+from certify.kernel.spec import ConstantVoltage, Dgu, Filter, IdaPbc, LinearLoop, StateFeedback
 from certify.search.lmi import round_float
 from certify.search.storage import find_state_feedback_storage
 from certify.search.synthesis import to_decimal
@@ -60,7 +60,7 @@ def nearest_gains(dgu: Dgu, capacitance_farad: Fraction, w0: Fraction) -> Sugges
     `capacitance_farad` is all the capacitance at the node, as `node_capacitances` gives it. None for a loop given as
     matrices, or if the numbers are out of the range of floats.
     """
-    if dgu.filter is None or isinstance(dgu.controller, LinearLoop):
+    if dgu.filter is None or isinstance(dgu.controller, LinearLoop | ConstantVoltage):
         return None
     import numpy
 
@@ -87,7 +87,7 @@ class _Nearest:
         import numpy
 
         self.dgu, self.filter, self.law, self.capacitance, self.w0 = dgu, filter_, law, capacitance_farad, w0
-        self.old = to_state_feedback(law) if isinstance(law, IdaPbc) else law
+        self.old = to_state_feedback(law)
         self.with_integrator = self.old.K13 is not None
         self.R, self.L = float(filter_.resistance_ohm), float(filter_.inductance_henry)
         self.turn = float(w0) * self.L * numpy.array([[0.0, -1.0], [1.0, 0.0]])

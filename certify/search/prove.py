@@ -7,13 +7,14 @@ from fractions import Fraction
 from typing import Any
 
 from certify.kernel.check import proof_key
-from certify.kernel.claims import Context, assumptions, but_for_a_shortage, overall, statements
+from certify.kernel.claims import Context, Mode, assumptions, but_for_a_shortage, overall, split, statements
 from certify.kernel.data import Data
 from certify.kernel.errors import RuleFailure
 from certify.kernel.load_proofs import lipschitz
 from certify.kernel.proofs import HOLDS, RULES, least_resistance
 from certify.kernel.spec import Microgrid
 from certify.search.dgu import propose_dgu
+from certify.search.equilibrium import EquilibriumSearch
 from certify.search.loads import propose_disk, propose_load
 from certify.search.proposal import Proposal
 from certify.search.roots import magnitude
@@ -25,6 +26,7 @@ REASONS = {
     "current": "P211",
     "island": "P203",
     "microgrid": "P204",
+    "region": "P216",
     "branch": "P205",
     "interconnection": "P205",
 }
@@ -61,6 +63,7 @@ class Search:
         self.boxes: dict[Any, Proposal] = {}  # by filter and controller
         self.accepted: dict[str, Proposal | None] = {}
         self.notes: dict[str, str] = {}
+        self.reasons: dict[str, str] = {}  # why there is no equilibrium, as far as one can tell
 
     def result(self) -> dict[str, Any]:
         claims, proofs = [], {}
@@ -77,7 +80,7 @@ class Search:
         return {
             "claims": claims,
             "proofs": proofs,
-            "assumptions": assumptions(self.context.grid, self.context.sampled),
+            "assumptions": assumptions(self.context),
             "verdict": overall(self.context.status),
             "notes": self.notes,
         }
@@ -100,6 +103,15 @@ class Search:
             found = self._first("island", what, None, lambda: self._pins(what))
             if found is None:
                 self._give_up_shortages(what)
+        elif kind in ("equilibrium", "saturated"):
+            search = EquilibriumSearch(self.context, what, kind == "saturated")
+            found = self._first(kind, what, None, search.proposals)
+            self.reasons[name] = search.reason
+        elif kind == "region":
+            status = self.context.status[f"invariant-set/{what[0]}"]
+            found = self._first(
+                kind, what, None, lambda: iter([Proposal(status, "sublevel-set")] if status in HOLDS else [])
+            )
         else:
             rule = {"branch": "series-branch", "interconnection": "skew-incidence"}.get(kind, "passive-interconnection")
             status = "conditional" if kind == "microgrid" and self.context.sampled else "proved"
@@ -111,7 +123,7 @@ class Search:
         self.context.status[name] = found.status if found else "unknown"
         self.notes.pop(name, None)
         if found is None:
-            self.notes[name] = self._reason(self.expected[name][0])
+            self.notes[name] = self.reasons.get(name) or self._reason(self.expected[name][0])
 
     def _first(self, kind: str, what: Any, content: Any, propose: Callable[[], Iterator[Proposal]]) -> Proposal | None:
         """The first proposal that the kernel's rule accepts. Subjects of equal content share the search."""
@@ -133,7 +145,7 @@ class Search:
             self.known[key] = result
         return result
 
-    def _dgu(self, node: str) -> Proposal | None:
+    def _dgu(self, node: Mode) -> Proposal | None:
         """Passivity; failing that, passivity but for a shortage; with tolerances, the latter at once."""
         try:
             self.context.port(node)
@@ -144,7 +156,7 @@ class Search:
             return found
         return self._index(node) or found or (self._passivity(node) if self.refute else None)
 
-    def _passivity(self, node: str) -> Proposal | None:
+    def _passivity(self, node: Mode) -> Proposal | None:
         """EIP, or why not: with tolerances, at the corner where most is missing."""
         content = self.context.key(node)
         corners = self.context.corners(node)
@@ -158,12 +170,13 @@ class Search:
 
         return self._first("dgu", node, (content, "corners"), refutations)
 
-    def _index(self, node: str) -> Proposal | None:
+    def _index(self, node: Mode) -> Proposal | None:
         """Passivity but for a shortage, as small as can be; with tolerances, for the whole box."""
         corners = self.context.corners(node)
         smallest = self._small_shortage(node)
-        dgu = self.context.nodes[node].dgu
-        design = (dgu.filter, dgu.controller) if dgu else None
+        name, held = split(node)
+        dgu = self.context.nodes[name].dgu
+        design = (dgu.filter, dgu.controller, held) if dgu else None
 
         def proposals() -> Iterator[Proposal]:
             from certify.search.shortage import propose_box, propose_index
@@ -180,10 +193,11 @@ class Search:
             self.boxes[design] = found
         return found
 
-    def _small_shortage(self, node: str) -> Fraction:
+    def _small_shortage(self, node: Mode) -> Fraction:
         """A shortage in ohm that is small beside the resistances of the lines and branches there; a power of ten."""
-        branches = [b.resistance_ohm for b in self.context.nodes[node].branches]
-        branches += [line.branch.resistance_ohm for line in self.context.lines_at[node]]
+        name, _ = split(node)
+        branches = [b.resistance_ohm for b in self.context.nodes[name].branches]
+        branches += [line.branch.resistance_ohm for line in self.context.lines_at[name]]
         share = min(branches, default=Fraction(1)) / (100 * max(len(branches), 1))
         return Fraction(10) ** magnitude(share)
 
