@@ -220,7 +220,7 @@ def _storages(context: Context, certificate: Certificate) -> dict[str, Matrix]:
     found = {}
     for entry in document["claims"]:
         kind, _, name = entry["id"].partition("/")
-        if kind == "dgu" and entry["rule"] in ("quadratic-storage", "index-storage"):
+        if kind == "dgu" and name in context.nodes and entry["rule"] in ("quadratic-storage", "index-storage"):
             port, given = context.port(name), Data(document["proofs"][entry["proof"]]["storage"]).matrix()
             if port.capacitance_farad is not None:  # a linear loop has states of its own
                 exact = entry["rule"] == "quadratic-storage"
