@@ -10,6 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -74,6 +75,10 @@ class _Pipe(io.TextIOBase):
 
 
 def run_prove(options: argparse.Namespace) -> int:
+    if options.scenario is not None:
+        from certify.report.scenario import run
+
+        return _designed(options, partial(run, worst=WORST_FIRST))
     from certify.certificate import write_atomically
 
     output = Path(options.output) if options.output is not None else None
@@ -266,7 +271,7 @@ def run_loads(options: argparse.Namespace) -> int:
 
 
 def _designed(options: argparse.Namespace, run: Callable[[argparse.Namespace, Any, dict[str, int]], int]) -> int:
-    """A command that makes a new spec out of one: it proves more than once, and reports for itself."""
+    """A command that makes new specs out of one: it proves more than once, and reports for itself."""
     try:
         with _progress(f"proving {options.spec}") as progress:
             return run(options, progress, EXIT_CODES)

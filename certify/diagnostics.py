@@ -191,10 +191,39 @@ _ALL = (
         'load = [{ kind = "current", I = ["Vd/50", "Vq/50"], centre = ["1 pu", "0 pu"], radius = "0.2 pu" }]',
     ),
     Diagnostic(
+        "S311",
+        "switched to where it is already",
+        "Events are followed in order of time, from what `disconnected` names: what is on cannot be connected, and "
+        "what is off cannot be disconnected.",
+        "mend the times of the events, or `disconnected`",
+        'disconnected = ["5"]\nevent = [{ at = "4 s", connect = "5" }, { at = "6 s", disconnect = "5" }]',
+    ),
+    Diagnostic(
+        "S312",
+        "a name of two things",
+        "Events name a DGU by its node, so they cannot tell it from a line of the same name.",
+        "rename the line",
+    ),
+    Diagnostic(
+        "S313",
+        "a load that events cannot change",
+        "An event sets coefficients of the first load of a node: of a ZIP load Y, I, P, of an exponential one P0, np, "
+        "Q0, nq.",
+        "put a zip or exp load first in the list of the node's loads",
+        'event = [{ at = "5 s", load = "5", set = { Y = ["120 uS", "120 uS"] } }]',
+    ),
+    Diagnostic(
         "U001",
         "usage",
         "The command line does not fit the command.",
         "see `certify --help` and `certify COMMAND --help`",
+    ),
+    Diagnostic(
+        "U002",
+        "no such scenario",
+        "`--scenario` takes the NAME of a table [scenario.NAME] of the spec.",
+        "take one of the names in the message, or add the table to the spec",
+        '[scenario.plug-in]\nend = "8 s"\ndisconnected = ["5"]\nevent = [{ at = "4 s", connect = "5" }]',
     ),
     Diagnostic(
         "K101",

@@ -77,14 +77,16 @@ def _plain(document: Any) -> Any:
 
 
 def to_json(document: Any, like: str) -> str:
-    """JSON with the indentation of `like` and every number as it was written."""
+    """JSON with the indentation of `like` and every number as it was written, but for what only TOML can read."""
 
     def marked(value: Any) -> Any:
         if isinstance(value, dict):
             return {key: marked(part) for key, part in value.items()}
         if isinstance(value, list):
             return [marked(part) for part in value]
-        return f"\ue000{value}\ue001" if isinstance(value, NumberText) else value
+        if isinstance(value, NumberText):  # TOML has "+1.5" and "1_000.5", JSON has not
+            return f"\ue000{value.replace('_', '').removeprefix('+')}\ue001"
+        return value
 
     indent = re.match(r"\s*\{[^\S\n]*\n([ \t]*)", like)
     text = json.dumps(marked(document), indent=indent[1] if indent else None, ensure_ascii=False)

@@ -40,10 +40,22 @@ def build_parser() -> argparse.ArgumentParser:
     prove = command(
         "prove",
         "search for proofs and write a certificate",
-        "certify prove specs/cigre-mv.toml -o cigre.cert.json",
+        "certify prove specs/cigre-mv.toml -o cigre.cert.json\n"
+        "  certify prove specs/cigre-mv.toml --scenario plug-in -o plug-in",
     )
     prove.add_argument("spec", metavar="SPEC", help="the microgrid, TOML or JSON")
-    prove.add_argument("-o", "--output", metavar="CERT", help="where to write the certificate")
+    prove.add_argument(
+        "-o",
+        "--output",
+        metavar="CERT",
+        help="where to write the certificate; with --scenario a folder for the spec and the certificate of each phase",
+    )
+    prove.add_argument(
+        "--scenario",
+        metavar="NAME",
+        help="prove what there is between the events of a scenario of the spec, phase by phase; the exit code is the "
+        "worst of all: 4, then 2, 1, 3, 0",
+    )
     prove.add_argument("--all", action="store_true", help="list every claim")
     add_method(prove)
 

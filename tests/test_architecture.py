@@ -22,6 +22,8 @@ LAYERS = [
     "editing",
     "synthesis",
     "tolerance",
+    "phases",
+    "jumps",
     "load_tables",
     "report",
     "options",

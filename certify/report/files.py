@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from certify.certificate import write_atomically
@@ -37,3 +41,52 @@ def write_results(options: argparse.Namespace, spec: bytes, certificate: bytes) 
                 write_atomically(Path(path), data)
             except OSError as error:
                 raise SpecError((Fault("U001", option, f"cannot write {path}: {error.strerror}"),)) from None
+
+
+def check_folder(path: str, names: Iterable[str], spec: str) -> None:
+    """Faults of -o that can be told before any work is done: a folder that is there or can be made, for these files.
+
+    Raises: SpecError.
+    """
+    folder, reason = Path(path), ""
+    if os.path.lexists(folder) and not folder.is_dir():
+        reason = "it is there, and no folder"
+    elif not folder.parent.is_dir():
+        reason = "there is no folder to make it in"
+    else:
+        for name in names:
+            target = folder / name
+            if target.is_dir():
+                reason = f"{name} is a folder there"
+            elif target.exists() and target.resolve() == Path(spec).resolve():
+                reason = f"{name} is the spec itself"
+    if reason:
+        raise SpecError((Fault("U001", "-o", f"cannot write to the folder {path}: {reason}"),))
+
+
+def write_folder(path: str, files: Mapping[str, bytes]) -> None:
+    """Write files into a folder, which is made if it is not there: all of them, or none.
+
+    They are written whole into a folder of their own, which is then renamed, or from which they are moved.
+    Raises: SpecError.
+    """
+    folder = Path(path)
+    new = not folder.exists()
+    staging = None
+    try:
+        staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent if new else folder))
+        for name, data in files.items():
+            (staging / name).write_bytes(data)
+        if new:
+            mask = os.umask(0)
+            os.umask(mask)
+            staging.chmod(0o777 & ~mask)
+            staging.rename(folder)
+        else:
+            for name in files:
+                (staging / name).replace(folder / name)
+    except OSError as error:
+        raise SpecError((Fault("U001", "-o", f"cannot write to the folder {path}: {error.strerror}"),)) from None
+    finally:
+        if staging is not None:
+            shutil.rmtree(staging, ignore_errors=True)

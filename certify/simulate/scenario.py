@@ -1,11 +1,12 @@
-"""Scenarios of a spec: what happens when, for simulations. They are checked here; proofs do not depend on them."""
+"""Scenarios of a spec: what happens when. They are checked here; no proof of the spec itself depends on them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
+from certify.kernel.claims import to_text
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import shorten
 from certify.kernel.reader import REQUIRED, Reader
@@ -17,17 +18,26 @@ COEFFICIENTS = {"zip": ("Y", "I", "P"), "exp": ("P0", "np", "Q0", "nq")}
 
 @dataclass(frozen=True)
 class Event:
-    """At a time, one DGU or line is connected or disconnected, or the first load of a node gets new coefficients."""
+    """At a time, one DGU or line is connected or disconnected, or the first load of a node gets new coefficients.
+
+    `position` is that in the list of the spec, which need not be in order of time. Coefficients are in SI; those that
+    an event does not name stay as they are.
+    """
 
     at_second: Fraction
     action: str  # "connect", "disconnect" or "load"
+    part: str  # what `target` names: a "DGU" by its node, a "line", or a "load" by its node
     target: str
     coefficients: tuple[tuple[str, Any], ...] = ()
+    position: int = 0
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A course of events: its end, its start, the DGUs that are off at first, and its events in order of time."""
+    """A course of events: its end, its start, the DGUs and lines that are off at first, its events in order of time.
+
+    Events at the same time happen in the order of the spec.
+    """
 
     name: str
     end_second: Fraction
@@ -65,32 +75,65 @@ class _ScenarioDecoder(Decoder):
         self.faults.clear()  # of these keys the decoder of the microgrid tells
         nodes = document.get("node")
         self.nodes: dict[str, Any] = nodes if isinstance(nodes, dict) else {}
-        self.dgus = {name: node for name, node in self.nodes.items() if isinstance(node, dict) and "dgu" in node}
+        tables = {name: node for name, node in self.nodes.items() if isinstance(node, dict)}
+        self.dgus = {name: node for name, node in tables.items() if "dgu" in node}
+        loads = {name: node["load"] for name, node in tables.items() if isinstance(node.get("load"), list)}
+        firsts = {name: listed[0] for name, listed in loads.items() if listed}
+        self.first_loads = {name: load for name, load in firsts.items() if isinstance(load, dict)}
         lines = document.get("line")
         names = [line.get("name") for line in lines if isinstance(line, dict)] if isinstance(lines, list) else []
         self.lines = {name: None for name in names if isinstance(name, str)}
 
     def scenario(self, raw: object, path: str) -> Scenario | None:
-        time = self.unit("s", "> 0")
+        time, before = self.unit("s", "> 0"), len(self.faults)
         table = self.table(
             raw,
             path,
             {
                 "end": (time, REQUIRED),
                 "start": (self.one_of(STARTS), "flat"),
-                "disconnected": (self.list_of(self.one_of(self.dgus, "S306", "a node with a DGU")), []),
+                "disconnected": (self.list_of(self.switched), []),
                 "event": (self.list_of(self.event), []),
             },
         )
-        events = [event for event in table["event"] or [] if event]
+        whole = len(self.faults) == before
+        listed, off = table["event"] or [], table["disconnected"] or []
+        events = [replace(event, position=k) for k, event in enumerate(listed) if event]
+        events.sort(key=lambda event: event.at_second)
         for event in events:
             if table["end"] and event.at_second >= table["end"]:
-                self.fault("S309", f"{path}.event", f"an event at {event.at_second} s is not before the end")
+                place = f"{path}.event[{event.position}].at"
+                self.fault("S309", place, f"an event at {to_text(event.at_second)} s is not before the end")
+        if whole:  # else what cannot be read would make faults of what can
+            self.follow(off, events, path)
         name = path.split(".", 1)[1]
-        off = tuple(name for name in table["disconnected"] or [] if name)
         if table["end"] is None or table["start"] is None:
             return None
-        return Scenario(name, table["end"], table["start"], off, tuple(sorted(events, key=lambda e: e.at_second)))
+        return Scenario(name, table["end"], table["start"], tuple(filter(None, off)), tuple(events))
+
+    def follow(self, disconnected: list[str], events: list[Event], path: str) -> None:
+        """Note every event that switches what is switched so already."""
+        off: set[str] = set()
+        for k, name in enumerate(disconnected):
+            if name in off:
+                self.fault("S311", f"{path}.disconnected[{k}]", f"{shorten(name)} is named twice")
+            off.add(name)
+        for event in events:
+            connects = event.action == "connect"
+            if event.action != "load" and connects != (event.target in off):
+                place = f"{path}.event[{event.position}].{event.action}"
+                state = f"is {'on' if connects else 'off'} already at {to_text(event.at_second)} s"
+                self.fault("S311", place, f"{event.part} {shorten(event.target)} {state}")
+            if event.action != "load":
+                (off.discard if connects else off.add)(event.target)
+
+    def switched(self, raw: object, path: str) -> str | None:
+        """The name of a DGU or a line, not of both."""
+        name: str | None = self.one_of({**self.dgus, **self.lines}, "S306", "a DGU or line")(raw, path)
+        if name in self.dgus and name in self.lines:
+            self.fault("S312", path, f"both a DGU and a line are called {shorten(name)}")
+            return None
+        return name
 
     def event(self, raw: object, path: str) -> Event | None:
         actions = [key for key in ("connect", "disconnect", "load") if isinstance(raw, dict) and key in raw]
@@ -100,22 +143,26 @@ class _ScenarioDecoder(Decoder):
         action = actions[0] if actions else "connect"
         schema: dict[str, tuple[Reader, Any]] = {"at": (self.unit("s", ">= 0"), REQUIRED)}
         if action == "load":
-            loaded = {name: node for name, node in self.nodes.items() if isinstance(node, dict) and node.get("load")}
-            schema |= {"load": (self.one_of(loaded, "S306", "a node with a load"), REQUIRED)}
+            schema |= {"load": (self.one_of(self.first_loads, "S306", "a node with a load"), REQUIRED)}
             schema["set"] = (self.coefficients, REQUIRED)
         else:
-            schema[action] = (self.one_of({**self.dgus, **self.lines}, "S306", "a DGU or line"), REQUIRED)
+            schema[action] = (self.switched, REQUIRED)
         table = self.table(raw, path, schema)
         if None in table.values():
             return None
-        loads = self.nodes[table["load"]]["load"] if action == "load" else []
-        first = next((load for load in loads if isinstance(load, dict)), {})
-        for key in table.get("set", {}):
-            if key not in COEFFICIENTS.get(str(first.get("kind")), ()):
-                self.fault(
-                    "S101", f"{path}.set.{key}", f"the first load of node {table['load']} has no such coefficient"
-                )
-        return Event(table["at"], action, table[action], tuple(sorted(table.get("set", {}).items())))
+        target = table[action]
+        if action != "load":
+            return Event(table["at"], action, "DGU" if target in self.dgus else "line", target)
+        kind = str(self.first_loads[target].get("kind"))
+        if kind not in COEFFICIENTS:
+            known = " and ".join(COEFFICIENTS)
+            message = f"the first load of node {target} is of kind {shorten(kind)}; events change {known} loads"
+            self.fault("S313", f"{path}.load", message)
+            return None
+        for key in table["set"]:
+            if key not in COEFFICIENTS[kind]:
+                self.fault("S101", f"{path}.set.{key}", f"the first load of node {target} has no such coefficient")
+        return Event(table["at"], action, "load", target, tuple(sorted(table["set"].items())))
 
     def coefficients(self, raw: object, path: str) -> dict[str, Any] | None:
         pairs = {"Y": ("S", "S"), "I": ("A", "A"), "P": ("W", "var")}
@@ -125,5 +172,7 @@ class _ScenarioDecoder(Decoder):
         schema |= {"P0": (self.unit("W"), None), "Q0": (self.unit("var"), None)}
         schema |= {"np": (self.exponent, None), "nq": (self.exponent, None)}
         before = len(self.faults)
+        if raw == {}:
+            self.fault("S102", path, "no coefficient is set")
         values = {key: value for key, value in self.table(raw, path, schema).items() if value is not None}
         return values if len(self.faults) == before else None

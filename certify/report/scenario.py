@@ -1,0 +1,211 @@
+"""The phases of a scenario, proved one by one: as text for a terminal, as JSON for machines, and as files."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from certify.certificate import Certificate, prove
+from certify.inputs import read
+from certify.jumps import Jump, find_jumps
+from certify.kernel.claims import Verdict
+from certify.kernel.spec import decode
+from certify.phases import Phase, read_phases
+from certify.report.files import check_folder, write_folder
+from certify.report.machine import verdict_to_dict
+from certify.report.text import approximate, open_claims, paint, table
+from certify.search.prove import Progress
+
+SHOWN_ISLANDS = 12
+SHARES = 1000  # of a phase, for progress
+CAVEAT = (
+    "H is the storage of the new phase right after its events, and c the level up to which the new phase is proved to "
+    "attract.\nThat is computed from the two certificates and not a proof. It rests on the phase before having come to "
+    "rest, lines that\nconnect discharged, and DGUs that connect synchronised and without load."
+)
+
+
+@dataclass(frozen=True)
+class ProvedPhase:
+    """A phase, its certificate, and how far its events throw it; no `jumps` for the first, nothing is before it."""
+
+    phase: Phase
+    certificate: Certificate
+    jumps: tuple[Jump, ...]
+
+
+def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str, int], worst: tuple[int, ...]) -> int:
+    """The command `certify prove --scenario`. Returns the exit code: the worst of all phases in the order of `worst`.
+
+    Raises: SpecError for bad input, in the spec or in a phase, or for files that cannot be written; Rejected.
+    """
+    spec, name = read(options.spec), options.scenario
+    phases = read_phases(spec, name)
+    names = [(f"{name}-{phase.number}.json", f"{name}-{phase.number}.cert.json") for phase in phases]
+    if options.output is not None:
+        check_folder(options.output, [file for pair in names for file in pair], options.spec)
+    proved = prove_phases(spec, phases, progress, options.method)
+    if options.output is not None:
+        files: dict[str, bytes] = {}
+        for pair, entry in zip(names, proved, strict=True):
+            files |= dict(zip(pair, (entry.phase.spec, entry.certificate.data), strict=True))
+        write_folder(options.output, files)
+    outcomes = {codes[entry.certificate.verdict.outcome]: entry.certificate.verdict.outcome for entry in proved}
+    code = next(code for code in worst if code in outcomes)
+    if options.json:
+        print(json.dumps(scenario_to_dict(proved, names, options, code), indent=1, ensure_ascii=False))
+    else:
+        print(render_scenario(proved, names, options, sys.stdout.isatty()))
+    return code
+
+
+def prove_phases(
+    spec: bytes, phases: Sequence[Phase], progress: Progress | None = None, method: str | None = None
+) -> tuple[ProvedPhase, ...]:
+    """Prove each phase of a spec, in order; phases that are the same are proved once. Raises: SpecError, Rejected."""
+    whole, known, proved = decode(spec), dict[bytes, Certificate](), list[ProvedPhase]()
+    for phase in phases:
+        if phase.spec not in known:
+            known[phase.spec] = prove(phase.spec, _part_of(progress, len(proved), len(phases)), method=method)
+        certificate = known[phase.spec]
+        before = proved[-1] if proved else None
+        jumps = find_jumps(whole, (before.phase, before.certificate), (phase, certificate)) if before else ()
+        proved.append(ProvedPhase(phase, certificate, jumps))
+    return tuple(proved)
+
+
+def _part_of(progress: Progress | None, done: int, total: int) -> Progress | None:
+    """The progress of one phase as a part of that of all."""
+    if progress is None:
+        return None
+    return lambda claims, of: progress(SHARES * done + SHARES * claims // max(of, 1), SHARES * total)
+
+
+def _worst_outcome(proved: Sequence[ProvedPhase]) -> str:
+    outcomes = {entry.certificate.verdict.outcome for entry in proved}
+    return next(word for word in ("refuted", "unknown", "conditional", "certified") if word in outcomes)
+
+
+def render_scenario(
+    proved: Sequence[ProvedPhase],
+    names: Sequence[tuple[str, str]],
+    options: argparse.Namespace,
+    colour: bool = False,
+) -> str:
+    """For each phase its time, its events, how far they throw it, the outcome and the claims that are open."""
+    outcome = _worst_outcome(proved)
+    head = paint(outcome, colour, outcome.upper())
+    lines = [f"{head}: scenario {options.scenario} of {options.spec}, phases: {len(proved)}"]
+    for entry in proved:
+        lines += ["", *_render_phase(entry, options.all, colour)]
+    lines.append("")
+    verdicts = [entry.certificate.verdict for entry in proved]
+    for verdict in dict.fromkeys(map(_conclusion, verdicts)):
+        lines += [verdict] if verdict else []
+    ledger = dict.fromkeys(name for verdict in verdicts for name, _ in verdict.assumptions)
+    lines.append(f"assumed, not proved: {', '.join(ledger)} (`certify explain CERT SPEC` says how, for each phase)")
+    if len(proved) > 1:
+        lines += ["", CAVEAT]
+    if options.output is not None:
+        last = "" if len(names) == 1 else f" to {names[-1][1]}"
+        lines += ["", f"specs and certificates: {names[0][0]}, {names[0][1]}{last} in {options.output}"]
+    return "\n".join(lines)
+
+
+def _conclusion(verdict: Verdict) -> str:
+    """What a certified phase means; nothing for others."""
+    only = {"certified": "", "conditional": " only if what was sampled holds"}.get(verdict.outcome)
+    where = "within each phase that is certified" if not only else "within each phase that is conditional"
+    return "" if only is None else f"proved{only}, {where}: {verdict.claims[-1].statement}."
+
+
+def _render_phase(entry: ProvedPhase, every_claim: bool, colour: bool) -> list[str]:
+    phase, verdict = entry.phase, entry.certificate.verdict
+    settled = sum(claim.status == "proved" for claim in verdict.claims)
+    word = paint(verdict.outcome, colour, verdict.outcome.upper())
+    lines = [f"phase {phase.number}, {phase.span}: {word}, {settled} of {len(verdict.claims)} claims proved"]
+    for event in phase.events:
+        changed = f" at node {event.target} changes: {', '.join(key for key, _ in event.coefficients)}"
+        what = changed if event.action == "load" else f" {event.target} {event.action}s"
+        lines.append(f"  {event.part}{what}")
+    if phase.off:
+        lines.append(f"  off: {', '.join(phase.off)}")
+    lines += [f"  {_render_jump(jump)}" for jump in entry.jumps[:SHOWN_ISLANDS]]
+    if len(entry.jumps) > SHOWN_ISLANDS:
+        lines.append(f"  and {len(entry.jumps) - SHOWN_ISLANDS} more islands (--json has them all)")
+    if every_claim:
+        lines.append(table(((c.status, c.id, c.rule or "-", c.statement) for c in verdict.claims), "    "))
+    found = open_claims(verdict, entry.certificate.notes, colour)
+    return [*lines, *(f"    {line}".rstrip() for line in found)]
+
+
+def _render_jump(jump: Jump) -> str:
+    where = f"island of node {jump.island}"
+    if jump.storage_joule is None:
+        return f"H: unknown on the {where}, because {jump.reason}"
+    text = f"H = {approximate(jump.storage_joule)} J on the {where}, "
+    if jump.everything:
+        text += "inside: everything is attracted"
+    elif jump.level_joule is None:
+        text += f"unknown whether inside, because {jump.reason}"
+    else:
+        share = "" if jump.share is None else f" ({approximate(100 * jump.share)} %)"
+        text += f"{jump.status} of c = {approximate(jump.level_joule)} J{share}"
+    part, value = jump.parts[0]
+    return f"{text}; most of it: {part}, {approximate(value)} J" if value else text
+
+
+def scenario_to_dict(
+    proved: Sequence[ProvedPhase], names: Sequence[tuple[str, str]], options: argparse.Namespace, code: int
+) -> dict[str, Any]:
+    """Each phase with its verdict; exact numbers as text, times in seconds, H and c in joule."""
+    phases = []
+    for entry, (spec, certificate) in zip(proved, names, strict=True):
+        phase = entry.phase
+        events = [
+            {"at": str(event.at_second), "action": event.action, "part": event.part, "target": event.target}
+            | ({"set": sorted(key for key, _ in event.coefficients)} if event.action == "load" else {})
+            for event in phase.events
+        ]
+        phases.append(
+            {
+                "number": phase.number,
+                "start": str(phase.start_second),
+                "end": str(phase.end_second),
+                "events": events,
+                "off": list(phase.off),
+                "spec": None if options.output is None else spec,
+                "certificate": None if options.output is None else certificate,
+                **verdict_to_dict(entry.certificate.verdict, entry.certificate.notes),
+                "jumps": [_jump_to_dict(jump) for jump in entry.jumps],
+            }
+        )
+    return {
+        "spec": options.spec,
+        "scenario": options.scenario,
+        "folder": options.output,
+        "outcome": _worst_outcome(proved),
+        "phases": phases,
+        "about_jumps": " ".join(CAVEAT.split()),
+        "exit_code": code,
+    }
+
+
+def _jump_to_dict(jump: Jump) -> dict[str, Any]:
+    def text(value: object) -> str | None:
+        return None if value is None else str(value)
+
+    return {
+        "island": jump.island,
+        "status": jump.status,
+        "storage": text(jump.storage_joule),
+        "level": text(jump.level_joule),
+        "share": text(jump.share),
+        "global": jump.everything,
+        "largest": {"part": jump.parts[0][0], "storage": str(jump.parts[0][1])} if jump.parts else None,
+        "reason": jump.reason or None,
+    }
