@@ -12,12 +12,11 @@ from typing import Any
 from certify.certificate import Certificate, prove
 from certify.inputs import read
 from certify.jumps import Jump, find_jumps
-from certify.kernel.claims import Verdict
 from certify.kernel.spec import decode
 from certify.phases import Phase, read_phases
 from certify.report.files import check_folder, write_folder
 from certify.report.machine import verdict_to_dict
-from certify.report.text import approximate, open_claims, paint, table
+from certify.report.text import approximate, open_claims, paint, stability, table
 from certify.search.prove import Progress
 
 SHOWN_ISLANDS = 12
@@ -104,8 +103,8 @@ def render_scenario(
         lines += ["", *_render_phase(entry, options.all, colour)]
     lines.append("")
     verdicts = [entry.certificate.verdict for entry in proved]
-    for verdict in dict.fromkeys(map(_conclusion, verdicts)):
-        lines += [verdict] if verdict else []
+    for text in dict.fromkeys(text for verdict in verdicts for text in stability(verdict)):
+        lines.append(f"within each phase for which it says so, {text}")
     ledger = dict.fromkeys(name for verdict in verdicts for name, _ in verdict.assumptions)
     lines.append(f"assumed, not proved: {', '.join(ledger)} (`certify explain CERT SPEC` says how, for each phase)")
     if len(proved) > 1:
@@ -114,13 +113,6 @@ def render_scenario(
         last = "" if len(names) == 1 else f" to {names[-1][1]}"
         lines += ["", f"specs and certificates: {names[0][0]}, {names[0][1]}{last} in {options.output}"]
     return "\n".join(lines)
-
-
-def _conclusion(verdict: Verdict) -> str:
-    """What a certified phase means; nothing for others."""
-    only = {"certified": "", "conditional": " only if what was sampled holds"}.get(verdict.outcome)
-    where = "within each phase that is certified" if not only else "within each phase that is conditional"
-    return "" if only is None else f"proved{only}, {where}: {verdict.claims[-1].statement}."
 
 
 def _render_phase(entry: ProvedPhase, every_claim: bool, colour: bool) -> list[str]:

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Mapping
 from fractions import Fraction
 
 from certify.diagnostics import DIAGNOSTICS
-from certify.kernel.claims import Claim, Verdict
+from certify.kernel.claims import BESIDE, Claim, Verdict
 from certify.kernel.errors import Fault
+from certify.report.network import summary
 
 _COLOURS = {
     "proved": "32",
@@ -31,6 +32,20 @@ _KINDS = {
     "mode": "DGUs at their limits",
     "saturated": "equilibrium at the limits, by island",
 }
+# Claims that follow from others: if one of those is open, they are not told of by themselves.
+_PARTS = {"line", "dgu", "load", "branch", "interconnection"}
+_CAUSES = {"invariant-set": _PARTS, "microgrid": _PARTS, "region": {*_PARTS, "invariant-set", "equilibrium"}}
+_REFUTED = "  This refutes the claim about this part, not the stability of the network: others may make up for it."
+_NO_STORAGE = "  so no storage function of any kind exists for this DGU with its controller."
+_NO_EQUILIBRIUM = "  so no equilibrium is as it is claimed; where the network goes instead is not said."
+# What a refutation means, by its rule.
+_MEANING = {
+    "frequency-witness": (_NO_STORAGE, _REFUTED),
+    "storage-contradiction": (_NO_STORAGE, _REFUTED),
+    "limits-exceeded": (_NO_EQUILIBRIUM,),
+    "reference-outside-band": (_NO_EQUILIBRIUM,),
+}
+_PAIR = "  so for these two voltages <V - U, I(V) - I(U)> < 0: a disturbance gains power from the load."
 SHOWN_ALONE = 12  # open claims listed one by one
 
 
@@ -82,7 +97,7 @@ def render_verdict(
         f"{c.id} ({approximate(value)} ohm)"
         for c in verdict.claims
         for what, value, _ in c.facts
-        if what == "shortage eps"
+        if what == "shortage eps" and _kind(c) not in BESIDE
     ]
     if short:
         more = f" and {len(short) - 6} more" if len(short) > 6 else ""
@@ -91,21 +106,34 @@ def render_verdict(
             f"passive but for a shortage, which lines and loads have to make up for: {', '.join(short[:6])}{more}",
         ]
     lines += open_claims(verdict, notes, colour)
-    if verdict.outcome in ("certified", "conditional"):
-        only = "" if verdict.outcome == "certified" else " only if what was sampled holds"
-        lines += ["", f"proved{only}: {verdict.claims[-1].statement}."]
+    if told := summary(verdict, notes):
+        lines += ["", *told]
+    lines += ["", *stability(verdict)]
     ledger = ", ".join(name for name, _ in verdict.assumptions)
     lines.append(f"assumed, not proved: {ledger} (`certify explain CERT SPEC` says how)")
-    return "\n".join(lines)
+    return "\n".join(lines).replace("\n\n\n", "\n\n")
+
+
+def stability(verdict: Verdict) -> list[str]:
+    """What is said about the network, if its stability is proved, and what that rests on."""
+    claim = next(c for c in verdict.claims if c.id == "microgrid")
+    if claim.status == "unknown" or verdict.outcome == "refuted":
+        return []
+    named = [name for name, _ in verdict.assumptions if "/" in name]
+    only = (
+        f", if what the ledger says of {', '.join(named[:4])}{', ...' if len(named) > 4 else ''} holds" if named else ""
+    )
+    return [f"proved{only}: {claim.statement}."]
 
 
 def open_claims(verdict: Verdict, notes: dict[str, str], colour: bool = False) -> list[str]:
     """The claims that are not proved, each with its reason, those about parts first."""
     lines: list[str] = []
-    unsettled = [c for c in verdict.claims if c.status != "proved"]
-    parts = [c for c in unsettled if c.id.split("/")[0] not in ("invariant-set", "microgrid")]
-    following = [c.id for c in unsettled if c not in parts and c.status != "conditional"] if parts else []
-    unsettled = parts or unsettled
+    unsettled = [c for c in verdict.claims if c.status != "proved" and _kind(c) not in BESIDE]
+    open_kinds = {_kind(c) for c in unsettled}
+    alone = [c for c in unsettled if not _CAUSES.get(_kind(c), set()) & open_kinds]
+    following = [c.id for c in unsettled if c not in alone and c.status != "conditional"]
+    unsettled = alone
     for claim in unsettled[:SHOWN_ALONE]:
         lines += ["", *_open_claim(claim, notes, colour)]
     if len(unsettled) > SHOWN_ALONE:
@@ -116,10 +144,14 @@ def open_claims(verdict: Verdict, notes: dict[str, str], colour: bool = False) -
     return lines
 
 
+def _kind(claim: Claim) -> str:
+    return claim.id.split("/")[0]
+
+
 def _summary(claims: tuple[Claim, ...]) -> list[tuple[str, ...]]:
     groups: dict[tuple[str, str], dict[str, int]] = {}
     for claim in claims:
-        rules = groups.setdefault((claim.id.split("/")[0], claim.status), {})
+        rules = groups.setdefault((_kind(claim), claim.status), {})
         rules[claim.rule or "-"] = rules.get(claim.rule or "-", 0) + 1
     rows: list[tuple[str, ...]] = [("claims", "", "status", "by rule")]
     order = list(_KINDS)
@@ -135,15 +167,7 @@ def _open_claim(claim: Claim, notes: dict[str, str], colour: bool) -> list[str]:
     ]
     if claim.status == "refuted":
         lines += [f"  {name}: {approximate(value)} {unit}".rstrip() for name, value, unit in claim.facts]
-        if claim.rule in ("frequency-witness", "storage-contradiction"):
-            lines.append("  so no storage function of any kind exists for this DGU with its controller.")
-        else:
-            lines.append(
-                "  so for these two voltages <V - U, I(V) - I(U)> < 0: a disturbance gains power from the load."
-            )
-        lines.append(
-            "  This refutes the claim about this part, not the stability of the network: others may make up for it."
-        )
+        lines += _MEANING.get(claim.rule or "", (_PAIR, _REFUTED))
         if claim.id in notes:
             lines.append(f"  {DIAGNOSTICS[notes[claim.id]].why}")
     elif claim.rule == "sampled":
