@@ -697,15 +697,16 @@ class Cluster:
         def value(x: float) -> float:
             return float(self.shoot(order, np.array([x]))[1][0])
 
-        brackets = [
-            (grid[k], grid[k + 1])
-            for k in range(len(grid) - 1)
-            if np.isfinite(values[k]) and np.isfinite(values[k + 1]) and values[k] * values[k + 1] <= 0
-        ]
-        for k in range(1, len(grid) - 1):  # a pair of roots between three points of equal sign
-            a, b, c = values[k - 1 : k + 2]
-            if np.isfinite(a + b + c) and abs(b) <= min(abs(a), abs(c)) and abs(b) < 0.1 and a * b > 0 and b * c > 0:
-                sign = np.sign(b)
+        finite = np.isfinite(values)
+        with np.errstate(all="ignore"):
+            changes = finite[:-1] & finite[1:] & (values[:-1] * values[1:] <= 0)
+            size = np.abs(values)
+            dips = (size[1:-1] <= np.minimum(size[:-2], size[2:])) & (size[1:-1] < 0.1)
+            dips &= (values[:-2] * values[1:-1] > 0) & (values[1:-1] * values[2:] > 0)
+        brackets = [(grid[k], grid[k + 1]) for k in np.nonzero(changes)[0]]
+        for k in np.nonzero(dips)[0] + 1:  # a pair of roots between three points of equal sign
+            if np.isfinite(values[k - 1] + values[k + 1]):
+                sign = np.sign(values[k])
                 dip = minimize_scalar(
                     lambda x, sign=sign: sign * value(x),
                     bounds=(grid[k - 1], grid[k + 1]),
@@ -725,6 +726,8 @@ class Cluster:
         yield self.no_load
         for factor in (0.5, 0.2, 0.05):
             yield factor * high
+        if self.chain():  # the scan does the rest
+            return
         lowest = list(np.argsort(np.abs(high)))
         some = lowest if n <= 12 else [*lowest[:4], *rng.choice(n, 4, replace=False)]
         for k in some if n <= 120 else some[:3]:

@@ -193,11 +193,12 @@ def random_case(number: int, rng: random.Random) -> Case:
             "voltage_band": list(band),
             **({"line_legs": "neglected at DGUs"} if legs else {}),
             "filter": FILTERS,
-            "controller": CONTROLLERS,
+            "controller": {name: CONTROLLERS[name] for name in CONTROLLERS if name in used},
             "node": full,
             "line": lines,
         }
 
+    used = {node["dgu"]["controller"] for node in table.values() if "dgu" in node}
     legs = rng.random() < 0.1
     share = rng.choice(SHARES) if rng.random() < 0.88 else rng.choice(BEYOND)
     level, nose = largest_level(read_network(document(1.0)))
@@ -254,7 +255,7 @@ def planted_document(
         "base_voltage": "20 kV",
         "voltage_band": band,
         "filter": FILTERS,
-        "controller": CONTROLLERS,
+        "controller": {"phs": CONTROLLERS["phs"]},
         "node": nodes,
         "line": lines,
     }
