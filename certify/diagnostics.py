@@ -573,6 +573,13 @@ kettle,2,1,230,0.96,0.05,-0.01,0,0,1""",
         "needs integral action (or constant = inverters) and loads well below what the lines can carry",
     ),
     Diagnostic(
+        "local-monotonicity",
+        "proof rule: an equilibrium, alone near by",
+        "As strong-monotonicity, but a load at a node that no DGU holds is not proved to be monotone on its band: so "
+        "there may be other equilibria with all loads in their bands, as there are with loads of constant power.",
+        "loads that are monotone on their bands (`certify loads SPEC`)",
+    ),
+    Diagnostic(
         "limits-exceeded",
         "refutation: an inverter would need more than its limits",
         "The only equilibrium with all loads in their bands is known, and there the voltage u = V + (R + j w0 L) I "

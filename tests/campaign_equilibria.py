@@ -56,7 +56,7 @@ UNIQUE, LOCAL, UNKNOWN, REFUTED, WRONG = "proved, the only one", "proved, only l
 ABSENT, FAILED, UNREAD = "no claim", "failed", "spec not read"
 MARKS = (UNIQUE, LOCAL, UNKNOWN, REFUTED, WRONG, FAILED, UNREAD, ABSENT)
 SEVERAL, ONE, OUTSIDE, NOTHING = "several inside", "one inside", "none inside", "none at all"
-RADIUS, ONLY = "radius of the proof", "no other one in the bands"
+RADIUS, STRONG = "radius of the proof", "strong-monotonicity"
 SMALL = mpf("1e-6")  # the error of a stated current that may be due to rounding, relative to the largest
 EXACT = mpf("1e-30")  # two equilibria closer than this, relative to their size, are one
 
@@ -85,10 +85,10 @@ class Result:
 def stated(network: Network, claim: Claim) -> tuple[Fraction, bool, dict[str, Rational]]:
     """The radius, whether there is no other one, and all pairs (d, q) of a proved claim by what they are.
 
-    Raises: ValueError if a fact is missing, has another unit, or the first two are not those two.
+    Raises: ValueError if a fact is missing, has another unit, or the first is not the radius.
     """
-    if [fact[0] for fact in claim.facts[:2]] != [RADIUS, ONLY]:
-        raise ValueError(f"the first two facts are {[fact[0] for fact in claim.facts[:2]]}")
+    if claim.facts[0][0] != RADIUS:
+        raise ValueError(f"the first fact is {claim.facts[0][0]}")
     facts = {name: (value, unit) for name, value, unit in claim.facts}
     names = [(f"voltage at node {node.name}", "V") for node in network.nodes]
     names += [(f"current in line {line.name}", "A") for line in network.lines]
@@ -102,13 +102,13 @@ def stated(network: Network, claim: Claim) -> tuple[Fraction, bool, dict[str, Ra
         if any(x is None or x[1] != unit for x in both):
             raise ValueError(f"no {name} in {unit}")
         pairs[name] = (both[0][0], both[1][0])  # type: ignore[index]
-    return facts[RADIUS][0], bool(facts[ONLY][0]), pairs
+    return facts[RADIUS][0], claim.rule == STRONG, pairs
 
 
 def distance(a: dict[str, mpc], b: dict[str, mpc]) -> mpf:
-    """In the 2-norm over the nodes, in volt."""
+    """The largest at a node, in volt."""
     with mp.workdps(DIGITS):
-        return mp.sqrt(mp.fsum(abs(a[name] - b[name]) ** 2 for name in a))
+        return mpf(max(abs(a[name] - b[name]) for name in a))
 
 
 def judge_proved(network: Network, claim: Claim, found: Equilibria) -> tuple[str, str]:

@@ -207,7 +207,7 @@ def test_deeply_nested_certificates_are_rejected() -> None:
 def test_numbers_out_of_the_range_of_floats_leave_a_claim_open(entry: str) -> None:
     loop = {**LOOP, "F": [[f"-({entry})*({entry})*({entry})", "w0"], ["-w0", 0]]}
     spec = {**HEAD, "controller": {"x": loop}, "node": {"a": {"dgu": {"controller": "x", "reference": [1, 0]}}}}
-    assert prove(json.dumps(spec).encode()).verdict.outcome in {"certified", "unknown", "refuted"}
+    assert prove(json.dumps(spec).encode()).verdict.outcome in {"certified", "conditional", "unknown", "refuted"}
 
 
 @pytest.mark.parametrize(("arguments", "code"), [(["check", "--all"], 1), (["explain"], 1)])
@@ -270,4 +270,4 @@ def test_output_that_cannot_show_a_name(tmp_path: Path) -> None:
             capture_output=True,
             check=False,
         )
-        assert done.returncode == 0, done.stderr
+        assert done.returncode == 3, done.stderr  # conditional: nothing says where such a loop rests

@@ -21,9 +21,10 @@ POSITIVE = [
     "single-inverter.toml",
     "wrong-inductance.toml",
     "tiny-asymmetry.toml",
-    "custom-loop.json",
     "other-loads.toml",
 ]
+# No rule proves where these rest: nothing regulates their voltage, or the load's slope is not known.
+WITHOUT_EQUILIBRIUM = {"lossless", "integrator-unused", "current-coupled-between-axes"}
 
 
 @pytest.mark.parametrize("path", NEGATIVE, ids=lambda p: p.stem)
@@ -42,7 +43,9 @@ def test_each_negative_spec_fails_in_the_way_it_says(path: Path) -> None:
     failing = [c for c in certificate.verdict.claims if c.status == words[0]]
     assert failing[0].id == words[1]
     others = [c for c in certificate.verdict.claims if c.status != "proved" and c is not failing[0]]
-    assert {c.id.split("/")[0] for c in others} <= {"invariant-set", "microgrid", "region"}  # one trap only
+    assert {c.id.split("/")[0] for c in others} <= {"invariant-set", "microgrid", "region"} | (
+        {"equilibrium"} if path.stem in WITHOUT_EQUILIBRIUM else set()
+    )  # one trap only
 
 
 def test_there_are_enough_negative_specs() -> None:
@@ -52,6 +55,12 @@ def test_there_are_enough_negative_specs() -> None:
 @pytest.mark.parametrize("name", POSITIVE)
 def test_positive(name: str) -> None:
     assert prove((ROOT / "specs" / name).read_bytes()).verdict.outcome == "certified"
+
+
+def test_a_loop_without_integral_action_rests_where_nothing_proves() -> None:
+    verdict = prove((ROOT / "specs" / "custom-loop.json").read_bytes()).verdict
+    assert verdict.outcome == "conditional"
+    assert {c.id for c in verdict.claims if c.status != "proved"} == {"equilibrium/inverter", "region/inverter"}
 
 
 def test_cigre_in_full() -> None:

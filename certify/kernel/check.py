@@ -11,7 +11,17 @@ import json
 from fractions import Fraction
 from typing import Any
 
-from certify.kernel.claims import Claim, Context, Fact, Verdict, assumptions, but_for_a_shortage, overall, statements
+from certify.kernel.claims import (
+    Claim,
+    Context,
+    Fact,
+    Verdict,
+    assumptions,
+    but_for_a_shortage,
+    but_for_others,
+    overall,
+    statements,
+)
 from certify.kernel.data import Data
 from certify.kernel.errors import Rejected, RuleFailure
 from certify.kernel.proofs import RULES
@@ -59,6 +69,8 @@ def _check_claims(grid: Microgrid, document: dict[str, Any]) -> Verdict:
         _keys(entry, {"id", "statement", "status", "rule", "proof"}, name)
         if entry["rule"] == "index-storage":
             text = but_for_a_shortage(text, _shortage(proofs, entry["proof"], name))
+        elif entry["rule"] == "local-monotonicity":
+            text = but_for_others(text)
         if (entry["id"], entry["statement"]) != (name, text):
             raise Rejected("K105", name, f"the spec calls for another claim here than {shorten(entry['id'])}")
         rule, key = entry["rule"], entry["proof"]

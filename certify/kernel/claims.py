@@ -203,7 +203,7 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
     text = f"nodes ({len(grid.nodes)}) and lines ({len(grid.lines)}) are interconnected without loss (skew-symmetric)"
     claims["interconnection"] = ("interconnection", None), text
     for island in context.islands:
-        text = f"on the island of node {island[0]} (nodes: {len(island)}) nothing but rest is without dissipation"
+        text = f"{_island(island)} nothing but rest is without dissipation"
         claims[f"invariant-set/{island[0]}"] = ("island", island), text
     places = "bands or disks" if any(node.current for node in grid.nodes) else "bands"
     text = f"every equilibrium with all load voltages strictly inside their {places} is asymptotically stable"
@@ -220,14 +220,18 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
     return claims
 
 
+def _island(island: tuple[str, ...]) -> str:
+    return f"on the island of node {island[0]} (nodes: {len(island)})"
+
+
 def _equilibrium_claims(context: Context, island: tuple[str, ...], box: bool) -> dict[str, tuple[Subject, str]]:
     """Of one island: that an equilibrium exists, from where it is reached, what if inverters are at their limits."""
-    where = f"on the island of node {island[0]} (nodes: {len(island)})"
+    where = _island(island)
     within = ", for all values within the tolerances" if box else ""
     limited = [name for name in island for dgu in [context.nodes[name].dgu] if dgu and dgu.limits_volt]
     bands = "every load voltage strictly inside its band"
     inside = f"{bands} and every inverter strictly inside its limits" if limited else bands
-    exists = f"{where} an equilibrium exists, alone in a neighbourhood, with"
+    exists = f"{where} exactly one equilibrium has"
     claims: dict[str, tuple[Subject, str]] = {}
     claims[f"equilibrium/{island[0]}"] = ("equilibrium", island), f"{exists} {inside}{within}"
     text = f"{where} motion from below some level of the storage stays below it and tends to the equilibrium{within}"
@@ -240,6 +244,11 @@ def _equilibrium_claims(context: Context, island: tuple[str, ...], box: bool) ->
 
 def _within(shares: Iterable[Fraction], legs: bool = False) -> str:
     return ", for all values within the tolerances" if legs or any(shares) else ""
+
+
+def but_for_others(statement: str) -> str:
+    """What a claim about an equilibrium says if it is proved to exist, and nothing about the whole of the bands."""
+    return f"{statement} - but for others: no other one is near it, and further away they are not excluded"
 
 
 def but_for_a_shortage(statement: str, shortage: Fraction) -> str:
@@ -271,7 +280,7 @@ def assumptions(context: Context) -> list[dict[str, str]]:
     for name in sorted(context.sampled):
         ledger[f"sampled/{name}"] = f"the load current at node {name} is monotone on its band: tried, and not proved"
     for island in context.islands:
-        name, where = island[0], f"on the island of node {island[0]}"
+        name, where = island[0], _island(island)
         if context.status[f"equilibrium/{name}"] == "unknown":
             ledger[f"equilibrium/{name}"] = (
                 f"{where} an equilibrium exists, as it is claimed: neither proved nor refuted"

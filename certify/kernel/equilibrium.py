@@ -206,7 +206,7 @@ def strong_monotonicity(context: Context, island: Island, data: Data) -> tuple[d
     radius = value(upper((isqrt(residual.__ceil__()) + 1) / mu))
     require(radius <= rho, "the voltages are too far from an equilibrium for what is shown")
     exact = {name: V[name].widened(upper(radius * sizes[name])) for name in island.free}
-    return V | exact, radius * max(sizes.values())
+    return V | exact, value(max(z.r for z in exact.values()))
 
 
 def _read(island: Island, data: Data) -> tuple[Pair, Fraction, dict[str, Pair], dict[str, int], dict[str, Fraction]]:
@@ -340,9 +340,15 @@ def _source_resistance(context: Context, name: str) -> Fraction:
 # --- handlers -----------------------------------------------------------------------------------------------------
 
 
-def equilibrium(saturated: bool, context: Context, names: tuple[str, ...], data: Data) -> tuple[Fact, ...]:
-    """The handler of `strong-monotonicity`; `saturated`: for the claim with all limited inverters at their limits."""
+def equilibrium(
+    only_one: bool, saturated: bool, context: Context, names: tuple[str, ...], data: Data
+) -> tuple[Fact, ...]:
+    """The handler of `strong-monotonicity` and `local-monotonicity`.
+
+    `only_one`: no other equilibrium has its loads in their bands; `saturated`: all inverters with limits are at them.
+    """
     island = describe(context, names, saturated)
+    require(not only_one or is_only_one(context, island), "other equilibria are not excluded")
     V, radius = strong_monotonicity(context, island, data)
     for name in island.fixed:
         _require_inside(context, name, V[name])
@@ -351,7 +357,7 @@ def equilibrium(saturated: bool, context: Context, names: tuple[str, ...], data:
         near = [name for name, beyond in beyond_limits(context, island, found).items() if beyond is not False]
         require(not near, f"the inverter at node {', '.join(near[:3])} is not shown to stay inside its limits")
         context.equilibria[names[0]] = Rest(found.voltages, found.terminals)
-    return _facts(context, island, V, radius, found)
+    return _facts(island, V, radius, found)
 
 
 def limits_exceeded(context: Context, names: tuple[str, ...], data: Data) -> tuple[Fact, ...]:
@@ -394,12 +400,11 @@ def reference_outside(context: Context, names: tuple[str, ...], data: Data) -> t
     return ((f"modulus of the reference at node {at}", modulus, "V"), *ends)
 
 
-def _facts(context: Context, island: Island, V: dict[str, Ball], radius: Fraction, found: Flow) -> tuple[Fact, ...]:
+def _facts(island: Island, V: dict[str, Ball], radius: Fraction, found: Flow) -> tuple[Fact, ...]:
     def parts(what: str, z: Ball, unit: str) -> Iterator[Fact]:
         return ((f"{what}, {axis}", x, unit) for axis, x in zip("dq", centre(z), strict=True))
 
     facts: list[Fact] = [("radius of the proof", radius, "V")]
-    facts.append(("no other one in the bands", Fraction(int(is_only_one(context, island))), ""))
     errors = [z.r for part in (found.lines, found.inverters, found.terminals) for z in part.values()]
     facts.append(("radius of the currents and terminal voltages, in A and V", value(max(errors, default=0)), ""))
     for name in island.names:

@@ -222,9 +222,12 @@ RULES: dict[tuple[str, str, str], Callable[[Context, Any, Data], tuple[Fact, ...
     ("interconnection", "proved", "skew-incidence"): _interconnection,
     **{("island", status, "invariant-set"): partial(_island, status) for status in HOLDS},
     **{("microgrid", status, "passive-interconnection"): partial(_microgrid, status) for status in HOLDS},
-    ("equilibrium", "proved", "strong-monotonicity"): partial(equilibrium.equilibrium, False),
+    **{
+        (kind, "proved", rule): partial(equilibrium.equilibrium, only_one, kind == "saturated")
+        for kind in ("equilibrium", "saturated")
+        for rule, only_one in (("strong-monotonicity", True), ("local-monotonicity", False))
+    },
     ("equilibrium", "refuted", "limits-exceeded"): equilibrium.limits_exceeded,
     ("equilibrium", "refuted", "reference-outside-band"): equilibrium.reference_outside,
-    ("saturated", "proved", "strong-monotonicity"): partial(equilibrium.equilibrium, True),
     **{("region", status, "sublevel-set"): partial(region.sublevel_set, status) for status in HOLDS},
 }

@@ -47,7 +47,7 @@ def read_rest(claim: Claim) -> Rest:
 
     return Rest(
         float(values["radius of the proof"]),
-        bool(values["no other one in the bands"]),
+        claim.rule == "strong-monotonicity",
         phasors("voltage at node "),
         phasors("current in line "),
         phasors("current of the DGU at node "),

@@ -13,7 +13,7 @@ from typing import Any
 
 from certify.kernel.claims import Context
 from certify.kernel.currents import derivative, evaluate
-from certify.kernel.equilibrium import Island, describe, regulates
+from certify.kernel.equilibrium import Island, describe, is_only_one, regulates
 from certify.kernel.errors import RuleFailure
 from certify.kernel.model import Pieces
 from certify.search.proposal import Proposal, to_text
@@ -294,8 +294,9 @@ class EquilibriumSearch:
         limited = not self.saturated and any(
             dgu and dgu.limits_volt for dgu in (context.nodes[name].dgu for name in self.names)
         )
+        rule = "strong-monotonicity" if is_only_one(context, island) else "local-monotonicity"
         for data in self._data(network, volts):
-            yield Proposal("proved", "strong-monotonicity", data)
+            yield Proposal("proved", rule, data)
             if limited:
                 yield Proposal("refuted", "limits-exceeded", data)
 

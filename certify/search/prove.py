@@ -7,7 +7,16 @@ from fractions import Fraction
 from typing import Any
 
 from certify.kernel.check import proof_key
-from certify.kernel.claims import Context, Mode, assumptions, but_for_a_shortage, overall, split, statements
+from certify.kernel.claims import (
+    Context,
+    Mode,
+    assumptions,
+    but_for_a_shortage,
+    but_for_others,
+    overall,
+    split,
+    statements,
+)
 from certify.kernel.data import Data
 from certify.kernel.errors import RuleFailure
 from certify.kernel.load_proofs import lipschitz
@@ -76,6 +85,8 @@ class Search:
                 entry |= {"status": found.status, "rule": found.rule, "proof": key}
                 if found.rule == "index-storage":
                     entry["statement"] = but_for_a_shortage(text, Fraction(found.data["shortage"]))
+                elif found.rule == "local-monotonicity":
+                    entry["statement"] = but_for_others(text)
             claims.append(entry)
         return {
             "claims": claims,
