@@ -5,7 +5,7 @@ What is below the level keeps every load in the band of its claim, and every inv
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import partial
 from math import isqrt
@@ -45,32 +45,34 @@ def _root(x: Fraction, up: bool = False) -> Fraction:
     return Fraction(isqrt((x.numerator << 2 * shift) // x.denominator) + up, 1 << shift)
 
 
-Bound = tuple[Fraction, str, Fraction]  # a level in joule, what sets it, and the margin in volt that it stands for
+# A level in joule, what sets it, the margin in volt that it stands for, and whether it is a bound at all.
+Bound = tuple[Fraction, str, Fraction, Callable[[], bool]]
 
 
 def _load_bounds(context: Context, name: str, V: Ball, per_joule: Fraction) -> Iterator[Bound]:
     """Up to where the voltage stays in the band of the load there; an end beyond which the claim goes on is none."""
-    ends = margin(context, name, V) or (None, None)
-    for upward, units in enumerate(ends):
-        if units is not None and not (context.nodes[name].current is None and _goes_on(context, name, bool(upward))):
+    for upward, units in enumerate(margin(context, name, V) or ()):
+        if units is not None:
             require(units > 0, f"the load at node {name} is at the end of its band")
-            yield value(units) ** 2 / (2 * per_joule), f"node {name}", value(units)
+            ends = partial(_ends, context, name, bool(upward))
+            yield value(units) ** 2 / (2 * per_joule), f"node {name}", value(units), ends
 
 
-def _goes_on(context: Context, name: str, upward: bool) -> bool:
-    """Whether a load is monotone beyond that end of its band too, at every corner of its tolerances."""
+def _ends(context: Context, name: str, upward: bool) -> bool:
+    """Whether a load is not shown to be monotone beyond that end of its band, at every corner of its tolerances."""
+    if context.nodes[name].current is not None:
+        return True
     band, law = context.pieces(name)[-1 if upward else 0]
     cuts = [load.cutoff_volt for load in context.nodes[name].loads if load.cutoff_volt is not None]
     if any(cut >= band[1] if upward else cut <= band[0] for cut in cuts):
-        return False  # another law holds there
+        return True  # another law holds there
     if name in context.shortages:
-        return False  # the load makes up for a shortage by its modulus, which is that on the band
+        return True  # the load makes up for a shortage by its modulus, which is that on the band
 
     def holds() -> bool:
         return all(loads.is_monotone_beyond(law_at(law, signs), band[upward], upward) for signs in law_corners(law))
 
-    found: bool = context.once(("beyond", band, law, upward), holds)
-    return found
+    return not context.once(("beyond", band, law, upward), holds)
 
 
 def _limit_bounds(context: Context, name: str, u: Ball) -> Iterator[Bound]:
@@ -86,7 +88,7 @@ def _limit_bounds(context: Context, name: str, u: Ball) -> Iterator[Bound]:
         per_joule = context.once(key, partial(reach, context, name, (row,)))
         if per_joule:
             what = f"the terminal voltage of the DGU at node {name}, {axis}"
-            yield value(units) ** 2 / (2 * per_joule), what, value(units)
+            yield value(units) ** 2 / (2 * per_joule), what, value(units), lambda: True
 
 
 def sublevel_set(status: str, context: Context, names: tuple[str, ...], data: Data) -> tuple[Fact, ...]:
@@ -109,14 +111,16 @@ def sublevel_set(status: str, context: Context, names: tuple[str, ...], data: Da
         bounds += _load_bounds(context, name, rest.voltages[name], per_joule[name])
         if name in rest.terminals:
             bounds += _limit_bounds(context, name, rest.terminals[name])
-    if not bounds:
+    bounds.sort(key=lambda bound: bound[:2])
+    least = next((bound for bound in bounds if bound[3]()), None)
+    if least is None:
         return (("global", Fraction(1), ""),)
-    level, what, volts = min(bounds)
+    level, what, volts, _ = least
     facts: list[Fact] = [("level c of the storage", level, "J"), (f"limited by {what}", volts, "V")]
     facts += ((f"reach at node {name}", _root(2 * level * per_joule[name]), "V") for name in names)
     for name in names:
         for line in context.lines_at[name]:
             if line.start == name:
-                least = line.branch.inductance_henry * (1 - line.branch.tolerance[1])
-                facts.append((f"reach in line {line.name}", _root(2 * level / least), "A"))
+                henry = line.branch.inductance_henry * (1 - line.branch.tolerance[1])
+                facts.append((f"reach in line {line.name}", _root(2 * level / henry), "A"))
     return tuple(facts)

@@ -19,8 +19,9 @@ from certify.kernel.reader import read_document
 from certify.kernel.table import MAX_TABLE_BYTES, LoadTable, parse_band
 from certify.load_tables import Result, decide_spec, decide_table, footer, header
 from certify.report import load_figures
+from certify.report.layout import table
 from certify.report.load_results import Writer, decimal, to_exact
-from certify.report.text import approximate, paint, render_faults, table
+from certify.report.text import approximate, paint, render_faults
 
 SHOWN = 12  # refuted or undecided loads listed one by one
 SHARES = tuple(Fraction(k, 100) for k in (50, 60, 70, 80, 85, 90, 95, 100))

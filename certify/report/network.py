@@ -7,7 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from certify.kernel.claims import Claim, Verdict
+from certify.report.layout import table
 
+SHOWN_NODES = 24
 SHOWN = 6  # islands, nodes or DGUs listed one by one
 
 
@@ -132,3 +134,93 @@ def mode_status(claim: Claim) -> str:
     if shortages:
         return f"passive but for a shortage of {float(shortages[0]):.4g} ohm"
     return {"proved": "passive", "refuted": "not passive"}.get(claim.status, "unknown")
+
+
+# --- the story ------------------------------------------------------------------------------------------------------
+
+
+def story(verdict: Verdict) -> list[str]:
+    """The network in words: what holds, where it rests, why it is stable, from where it returns, what limits it."""
+    claims = {claim.id: claim for claim in verdict.claims}
+    lines = [_parts(verdict.claims), _why(claims)]
+    islands = [name.split("/", 1)[1] for name in claims if name.startswith("equilibrium/")]
+    for name in islands[:SHOWN]:
+        where = f"The island of node {name}" if len(islands) > 1 else "The network"
+        lines += ["", *_tell_island(where, claims[f"equilibrium/{name}"], claims[f"region/{name}"])]
+    if len(islands) > SHOWN:
+        lines += ["", f"And {len(islands) - SHOWN} more islands (--json has them all)."]
+    modes = tell_modes(verdict.claims)
+    return [*lines, *(["", *modes] if modes else [])]
+
+
+def _count(claims: Iterable[Claim], kind: str) -> list[Claim]:
+    return [claim for claim in claims if claim.id.split("/")[0] == kind]
+
+
+def _parts(claims: tuple[Claim, ...]) -> str:
+    """What kind of network it is, and what of its parts does not hold."""
+    names = {"dgu": "DGU", "load": "node with static load", "branch": "series R-L load", "line": "line"}
+    names |= {"equilibrium": "island"}
+    told = []
+    for kind, name in names.items():
+        found = _count(claims, kind)
+        if found:
+            plural = name.replace("node ", "nodes ").replace(" load", " loads") if "node" in name else f"{name}s"
+            told.append(f"{len(found)} {name if len(found) == 1 else plural}")
+    broken = [c for c in claims if c.id.split("/")[0] in ("dgu", "load", "branch", "line") and c.status != "proved"]
+    rest = "all parts are proved" if not broken else f"not proved: {', '.join(c.id for c in broken[:SHOWN])}"
+    return f"A network with {', '.join(told)}; {rest}{' and more' if len(broken) > SHOWN else ''}."
+
+
+def _why(claims: dict[str, Claim]) -> str:
+    """Why it is stable, or why that is not known."""
+    short = [c for c in claims.values() if c.rule == "index-storage" and c.id.startswith("dgu/")]
+    if claims["microgrid"].status == "unknown":
+        return "Whether every equilibrium is stable does not follow from this; the claims below say what is missing."
+    text = "Around any equilibrium each part stores energy and gives back no more than it was given"
+    if short:
+        text += f" (but for {len(short)} DGUs with a shortage, which lines and loads make up for)"
+    text += (
+        ", the interconnection creates none, and lines dissipate. So the sum H of what is stored never grows, and it "
+    )
+    return text + "stops falling only at rest: every equilibrium inside the bands is asymptotically stable."
+
+
+def _tell_island(where: str, equilibrium: Claim, region: Claim) -> list[str]:
+    """Where an island rests, and from where it returns to that."""
+    if equilibrium.status != "proved":
+        known = "is proved not to rest as it is claimed" if equilibrium.status == "refuted" else "is not proved to rest"
+        return [f"{where} {known}."]
+    rest = read_rest(equilibrium)
+    only = "the only equilibrium with all loads in their bands" if rest.only_one else "an equilibrium, alone near by"
+    lines = [f"{where} rests here, to within {rest.radius:.2g} V ({only}):"]
+    reach = read_region(region) if region.status in ("proved", "conditional") else None
+    rows: list[tuple[str, ...]] = [("node", "|V|", "angle", "may be off by, alone")]
+    for name, V in sorted(rest.voltages.items(), key=lambda entry: abs(entry[1]))[:SHOWN_NODES]:
+        back = f"{reach.nodes[name]:.4g} V" if reach and name in reach.nodes else "anywhere" if reach else "?"
+        rows.append((name, f"{abs(V):.6g} V", f"{math.degrees(math.atan2(V.imag, V.real)):.3f} deg", back))
+    lines.append(table(rows))
+    if len(rest.voltages) > SHOWN_NODES:
+        lines.append(f"  and {len(rest.voltages) - SHOWN_NODES} more nodes with higher voltages (--json has them all)")
+    heavy = sorted(rest.lines.items(), key=lambda entry: -abs(entry[1]))[:3]
+    if heavy:
+        lines.append(f"The largest currents flow in line {', '.join(f'{name} ({abs(x):.4g} A)' for name, x in heavy)}.")
+    strong = sorted(rest.inverters.items(), key=lambda entry: -abs(entry[1]))[:3]
+    if strong:
+        told = ", ".join(f"{name} ({abs(x):.4g} A at {abs(rest.terminals[name]):.5g} V)" for name, x in strong)
+        lines.append(f"Most is asked of the inverter at node {told}.")
+    lines.append(_tell_return(reach))
+    return lines
+
+
+def _tell_return(reach: Region | None) -> str:
+    if reach is None:
+        return "From how far it returns there is not known."
+    if reach.level is None:
+        return "It returns there from everywhere: no load's band and no inverter's limit bounds H."
+    text = f"It returns from every state with H <= {reach.level:.6g} J"
+    if reach.lines:
+        low, high = min(reach.lines.values()), max(reach.lines.values())
+        text += f", such as one line's current off by {low:.4g} A" + (f" to {high:.4g} A" if high > low else "")
+    what = reach.limit.removeprefix("the ")
+    return f"{text}. What limits this is {what}: {reach.margin:.6g} V are left there."

@@ -15,8 +15,9 @@ from certify.jumps import Jump, find_jumps
 from certify.kernel.spec import decode
 from certify.phases import Phase, read_phases
 from certify.report.files import check_folder, write_folder
+from certify.report.layout import table
 from certify.report.machine import verdict_to_dict
-from certify.report.text import approximate, open_claims, paint, stability, table
+from certify.report.text import approximate, open_claims, paint, stability
 from certify.search.prove import Progress
 
 SHOWN_ISLANDS = 12

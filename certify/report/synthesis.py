@@ -10,7 +10,8 @@ from typing import Any
 
 from certify.inputs import read
 from certify.report.files import check_targets, write_results
-from certify.report.text import paint, table
+from certify.report.layout import table
+from certify.report.text import paint
 from certify.search.prove import Progress
 from certify.synthesis import SETTLED, Bracket, Synthesis, synthesize
 

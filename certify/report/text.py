@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from fractions import Fraction
 
 from certify.diagnostics import DIAGNOSTICS
 from certify.kernel.claims import BESIDE, Claim, Verdict
 from certify.kernel.errors import Fault
-from certify.report.network import summary
+from certify.report.layout import table
+from certify.report.network import story, summary
 
 _COLOURS = {
     "proved": "32",
@@ -46,6 +47,7 @@ _MEANING = {
     "reference-outside-band": (_NO_EQUILIBRIUM,),
 }
 _PAIR = "  so for these two voltages <V - U, I(V) - I(U)> < 0: a disturbance gains power from the load."
+SHOWN_FACTS = 12  # of one claim, where all are told
 SHOWN_ALONE = 12  # open claims listed one by one
 
 
@@ -73,15 +75,6 @@ def approximate(x: Fraction) -> str:
         *(Context(prec=40).create_decimal(n) for n in x.as_integer_ratio())
     )
     return f"{ratio:.5e}"
-
-
-def table(rows: Iterable[tuple[str, ...]], indent: str = "  ") -> str:
-    """Columns wide enough for their longest entry."""
-    listed = list(rows)
-    widths = [max((len(row[k]) for row in listed), default=0) for k in range(max(map(len, listed), default=0))]
-    return "\n".join(
-        (indent + "  ".join(f"{x:<{w}}" for x, w in zip(row, widths, strict=False))).rstrip() for row in listed
-    )
 
 
 def render_verdict(
@@ -198,11 +191,13 @@ def tell(verdict: Verdict, title: str, limit: int = 200, advice: Mapping[str, li
 
     `advice` has further lines for some claims, by their ids.
     """
-    lines = [title, ""]
+    lines = [title, "", *story(verdict), "", "Claim by claim:", ""]
     for claim in verdict.claims[:limit]:
         by = f", by rule {claim.rule}" if claim.rule else ""
         lines.append(f"- {claim.id}: {claim.status}{by}. {claim.statement[0].upper()}{claim.statement[1:]}.")
-        lines += [f"    {name}: {_fact(name, value, unit)}" for name, value, unit in claim.facts]
+        lines += [f"    {name}: {_fact(name, value, unit)}" for name, value, unit in claim.facts[:SHOWN_FACTS]]
+        if len(claim.facts) > SHOWN_FACTS:
+            lines.append(f"    and {len(claim.facts) - SHOWN_FACTS} more numbers (--json has them all)")
         lines += [f"    {line}".rstrip() for line in (advice or {}).get(claim.id, ())]
     if len(verdict.claims) > limit:
         lines.append(f"- and {len(verdict.claims) - limit} more claims (--json has them all)")
