@@ -26,6 +26,30 @@ BASE: dict[str, Any] = {
         "proportional": {"kind": "state-feedback", "K11": 0, "K12": -1},
     },
 }
+
+
+def with_oscillator(damping: str, coupling: str) -> dict[str, Any]:
+    """A damped filter as a linear loop, and an oscillator that drives its current by `coupling` and is not seen itself."""
+    F: list[list[Any]] = [["0"] * 6 for _ in range(6)]
+    for i, j in ((0, 0), (1, 1)):
+        F[i][j + 2], F[i + 2][j], F[i + 2][j + 2] = "1/C", "-1/L", "-2/L"
+    for i in (0, 2):
+        F[i][i + 1], F[i + 1][i] = "w0", "-w0"
+    F[4][4] = F[5][5] = f"-{damping}"
+    F[4][5], F[5][4], F[2][4] = "50", "-50", coupling
+    B, C = [["0", "0"] for _ in range(6)], [["0"] * 6, ["0"] * 6]
+    B[0][0] = B[1][1] = "1/C"
+    C[0][0] = C[1][1] = "1"
+    return {"kind": "linear", "F": F, "B": B, "C": C}
+
+
+BASE["controller"] |= {
+    "held": {"kind": "constant"},
+    "hidden oscillator": with_oscillator("0", "0"),
+    "hidden damped mode": with_oscillator("3", "0"),
+    "oscillator that is seen": with_oscillator("0", "1"),
+    "wrong inductance": {"kind": "ida-pbc", "alpha": -5, "nu": 1, "ki": 100, "design": {"L": "1.802 mH"}},
+}
 STRICT = {"kind": "zip", "Y": ["10 mS", "2 mS"]}
 CONSTANT_CURRENT = {"kind": "zip", "I": ["2 A", "0 A"]}
 REACTIVE = {"kind": "zip", "Y": ["0 S", "5 mS"]}
@@ -65,6 +89,16 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     "lossless with a reactance": (network({"a": {"dgu": dgu("none", "lossless"), "load": [REACTIVE]}}), "unknown"),
     "lossless with a damped neighbour": (
         network({"a": {"dgu": dgu("none", "lossless")}, "b": {"dgu": dgu()}}, "ab"), "conditional"),
+    "held at a constant voltage": (network({"a": {"dgu": dgu("held")}, "b": {"load": [STRICT]}}, "ab"), "certified"),
+    "held, lossless, only a reactance": (network({"a": {"dgu": dgu("held", "lossless"), "load": [REACTIVE]}}), "unknown"),
+    "a hidden oscillation": (
+        network({"a": {"dgu": dgu("hidden oscillator")}, "b": {"dgu": dgu(), "load": [STRICT]}}, "ab"), "unknown"),
+    "a hidden mode that decays": (
+        network({"a": {"dgu": dgu("hidden damped mode")}, "b": {"dgu": dgu(), "load": [STRICT]}}, "ab"), "conditional"),
+    "all controllers, an index, all loads, a junction": (network({
+        "a": {"dgu": dgu(), "load": [REACTIVE]}, "b": {"dgu": dgu("wrong inductance")}, "c": {"dgu": dgu("held")},
+        "d": {"load": [CONSTANT_CURRENT]}, "e": {}, "f": {"dgu": dgu("phs", "lossless"), "load": [BRANCH]},
+        "g": {"load": [STRICT, BRANCH]}}, "ab", "bc", "cd", "de", "ea", "ef", "eg"), "certified"),
     "one island of two is lossless": (
         network({"a": {"dgu": dgu("none", "lossless")}, "b": {"dgu": dgu(), "load": [STRICT]}}), "unknown"),
 }  # fmt: skip
