@@ -197,6 +197,12 @@ _ALL = (
         "see `certify --help` and `certify COMMAND --help`",
     ),
     Diagnostic(
+        "U002",
+        "no certificate to reuse",
+        "Proofs can be tried again only if the file is a certificate of a microgrid, of whatever spec.",
+        "name a file that `certify prove SPEC -o CERT` has written, or leave --reuse out",
+    ),
+    Diagnostic(
         "K101",
         "not a certificate",
         "The file is not JSON of the certificate's shape.",

@@ -45,6 +45,12 @@ def build_parser() -> argparse.ArgumentParser:
     prove.add_argument("spec", metavar="SPEC", help="the microgrid, TOML or JSON")
     prove.add_argument("-o", "--output", metavar="CERT", help="where to write the certificate")
     prove.add_argument("--all", action="store_true", help="list every claim")
+    prove.add_argument(
+        "--reuse",
+        metavar="OLD_CERT",
+        help="a certificate of an older state of the spec: its proofs are tried first. If this machine has checked it "
+        "and only a few filters and controllers have changed, what they do not touch is taken over unchecked",
+    )
     add_method(prove)
 
     check = command(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
+from typing import Any
 
 from certify.diagnostics import DIAGNOSTICS
 from certify.kernel.claims import Claim, Verdict
@@ -93,6 +94,22 @@ def render_verdict(
     ledger = ", ".join(name for name, _ in verdict.assumptions)
     lines.append(f"assumed, not proved: {ledger} (`certify explain CERT SPEC` says how)")
     return "\n".join(lines)
+
+
+def render_reuse(reuse: Mapping[str, Any]) -> str:
+    """What was made of an older certificate, plainly: what was checked now, and what was not."""
+    again = reuse["decided_again"]
+    head = f"reused: {reuse['older']}; decided again: {len(again):,}"
+    head += f" ({', '.join(again[:4])}{', ..' if len(again) > 4 else ''})" if again else ""
+    if reuse["why_all"] is None:
+        return (
+            f"{head}, and checked; taken over: {reuse['taken_over']:,}, accepted before by this kernel on this machine\n"
+            "(`certify check` verifies all of them)"
+        )
+    return (
+        f"{head}; by its proofs: {reuse['by_older_proofs']:,}; all {reuse['checked']:,} claims were checked, because\n"
+        f"{reuse['why_all']}"
+    )
 
 
 def open_claims(verdict: Verdict, notes: dict[str, str], colour: bool = False) -> list[str]:
