@@ -91,16 +91,21 @@ def to_canonical_json(document: dict[str, Any]) -> bytes:
 
 
 def _to_json(value: Any, start: str) -> str:
-    """The text of a value; `start` is a line break and the indentation of the line that the value stands in."""
-    if isinstance(value, str):
-        return encode_basestring(value)
+    """The text of a value; `start` is a line break and the indentation of the line that the value stands in.
+
+    Nearly all of a certificate is text, in tables and lists: that is written without a call for each.
+    """
     inner = start + " "
     if isinstance(value, dict) and value:
-        entries = [f"{encode_basestring(key)}: {_to_json(entry, inner)}" for key, entry in sorted(value.items())]
+        entries = [
+            f"{encode_basestring(key)}: {encode_basestring(x) if type(x) is str else _to_json(x, inner)}"
+            for key, x in sorted(value.items())
+        ]
         return f"{{{inner}{f',{inner}'.join(entries)}{start}}}"
     if isinstance(value, list | tuple) and value:
-        return f"[{inner}{f',{inner}'.join([_to_json(entry, inner) for entry in value])}{start}]"
-    return json.dumps(value)
+        entries = [encode_basestring(x) if type(x) is str else _to_json(x, inner) for x in value]
+        return f"[{inner}{f',{inner}'.join(entries)}{start}]"
+    return json.dumps(value, ensure_ascii=False)
 
 
 def write_atomically(path: Path, data: bytes) -> None:

@@ -103,8 +103,8 @@ def render_reuse(reuse: Mapping[str, Any]) -> str:
     head += f" ({', '.join(again[:4])}{', ..' if len(again) > 4 else ''})" if again else ""
     if reuse["why_all"] is None:
         return (
-            f"{head}, and checked; taken over: {reuse['taken_over']:,}, accepted before by this kernel on this machine\n"
-            "(`certify check` verifies all of them)"
+            f"{head}, and checked; taken over: {reuse['taken_over']:,}, as accepted before\n"
+            "by this kernel on this machine (`certify check` verifies all of them)"
         )
     return (
         f"{head}; by its proofs: {reuse['by_older_proofs']:,}; all {reuse['checked']:,} claims were checked, because\n"
