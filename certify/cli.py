@@ -175,6 +175,34 @@ def _checked(
     return then(verdict, _notes(data))
 
 
+def run_diff(options: argparse.Namespace) -> int:
+    from certify.certificate import prove
+    from certify.comparison import compare
+    from certify.inputs import decode_all, read
+    from certify.report.diff import report
+    from certify.search.earlier import Earlier
+
+    file = options.old
+    certificates: list[Any] = []
+    grids: list[Any] = []
+    try:
+        for file in (options.old, options.new):
+            spec = read(file)
+            # What the change does not touch is proved by the same proofs.
+            earlier = Earlier(json.loads(certificates[0].data)) if certificates else None
+            with _progress(f"proving {file}") as progress:
+                certificates.append(prove(spec, progress, method=options.method, earlier=earlier))
+            grids.append(decode_all(spec))
+    except SpecError as error:
+        return _bad_input(options, error.faults, file)
+    except Rejected as rejection:
+        options.spec = file
+        return _rejected(options, rejection)
+    before, after = certificates
+    comparison = compare((grids[0], grids[1]), (before.verdict, after.verdict))
+    return report(options, comparison, before, after, EXIT_CODES[after.verdict.outcome])
+
+
 def run_gate(options: argparse.Namespace) -> int:
     results: list[dict[str, Any]] = []
     for spec in options.specs:
@@ -417,6 +445,7 @@ def _print_gate_line(entry: dict[str, Any]) -> None:
 COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "prove": run_prove,
     "check": run_check,
+    "diff": run_diff,
     "gate": run_gate,
     "explain": run_explain,
     "synth": run_synth,

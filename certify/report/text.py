@@ -129,6 +129,12 @@ def open_claims(verdict: Verdict, notes: dict[str, str], colour: bool = False) -
     return lines
 
 
+def kind_of(claim: str) -> str:
+    """What a claim of this id is about, in the plural; for a kind without a name of its own the start of the id."""
+    kind = claim.split("/", 1)[0]
+    return _KINDS.get(kind, kind)
+
+
 def _summary(claims: tuple[Claim, ...]) -> list[tuple[str, ...]]:
     groups: dict[tuple[str, str], dict[str, int]] = {}
     for claim in claims:
