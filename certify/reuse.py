@@ -92,7 +92,7 @@ def prove_again(spec: bytes, old: bytes, progress: Progress | None = None, metho
     """
     try:
         with _no_collection():
-            return _prove_changes(spec, old, method)
+            return _prove_changes(spec, old, progress, method)
     except _WholeError as reason:
         whole = str(reason)
     except RecursionError:
@@ -136,7 +136,7 @@ def _no_collection() -> Iterator[None]:
 # --- the short way ----------------------------------------------------------------------------------------------
 
 
-def _prove_changes(spec: bytes, old: bytes, method: str | None) -> Reproved:
+def _prove_changes(spec: bytes, old: bytes, progress: Progress | None, method: str | None) -> Reproved:
     """The certificate of a spec, from one that was accepted, by the argument above. Raises: _WholeError."""
     document, before = _accepted(old)
     if method:
@@ -149,7 +149,13 @@ def _prove_changes(spec: bytes, old: bytes, method: str | None) -> Reproved:
     _require_same_claims(was, now, affected)
     _others_stand({entry["id"].split("/", 1)[0] for entry in document["claims"]}, was, now, affected)
     entries = {entry["id"]: entry for entry in document["claims"]}
-    facts = {f"dgu/{name}": _prove_dgu(now, name, entries, document["proofs"]) for name in affected}
+    older = Earlier({"claims": [entries[f"dgu/{name}"] for name in affected], "proofs": document["proofs"]})
+    search = Search(now.grid, earlier=older)
+    facts = {}
+    for count, name in enumerate(affected):
+        facts[f"dgu/{name}"] = _prove_dgu(search, now, name, entries[f"dgu/{name}"], document["proofs"])
+        if progress:
+            progress(count + 1, len(affected))
     _require_pins(now, document)
 
     used = {entry["proof"] for entry in document["claims"]}
@@ -337,16 +343,15 @@ def _integrates(dgu: Dgu) -> bool:
     return K is not None and K[0][0] * K[1][1] != K[0][1] * K[1][0]
 
 
-def _prove_dgu(now: Context, name: str, entries: Table, proofs: Table) -> tuple[Fact, ...]:
+def _prove_dgu(search: Search, now: Context, name: str, entry: Table, proofs: Table) -> tuple[Fact, ...]:
     """Prove the claim about an affected DGU, put the proof in place, and check it and what its island needs of it.
 
-    `now` is the kernel's context of the small spec; it learns what is proved. Returns the facts of the claim.
+    `now` is a context of the small spec for the kernel, apart from that of the search; it learns what is proved.
+    Returns the facts of the claim.
     """
-    entry = entries[f"dgu/{name}"]
     if entry["rule"] != "quadratic-storage":
         raise _WholeError(f"the DGU at node {name} was not passive")
-    older = Earlier({"claims": [entry], "proofs": proofs})
-    found = Search(now.grid, earlier=older).passivity(name)
+    found = search.passivity(name)
     if found is None or (found.status, found.rule) != ("proved", "quadratic-storage"):
         raise _WholeError(f"no storage function is found for the DGU at node {name}")
     data = json.loads(json.dumps(found.data))  # as it will stand in the certificate

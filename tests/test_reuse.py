@@ -22,6 +22,8 @@ from certify.kernel.check import check
 from certify.kernel.errors import SpecError
 from certify.reuse import prove_again
 from certify.search.earlier import Earlier
+from certify.search.proposal import Proposal
+from certify.search.prove import Search
 from tests.bench.networks import microgrid
 
 Spec = dict[str, Any]
@@ -301,6 +303,21 @@ def test_a_wrong_larger_shortage_does_no_harm() -> None:
     document["proofs"][key]["shortage"] = "1000"
     result = again(spec, to_canonical_json(document), known=False)
     assert result.certificate.verdict.outcome == "certified"
+
+
+def test_a_proof_that_fails_half_way_leaves_nothing_behind() -> None:
+    """A true storage with a witness that refutes nothing: no search may take the DGU for proved, nor for short."""
+    cross = [["R - ki*(1/kp + 1)", "-1.0001*w0*L"], ["1.0001*w0*L", "R - ki*(1/kp + 1)"]]
+    spec = edited(lambda s: s["controller"]["c4"].update(K12=cross), base(6))
+    document = json.loads(prove(text(spec)).data)
+    data = document["proofs"][next(c["proof"] for c in document["claims"] if c["id"] == "dgu/n4")]
+    data["witness"] = {"s0": "1 0", "u": ["0 0", "0 0"]}
+    result = again(spec, to_canonical_json(document), known=False)
+    rules = {c.id: (c.rule, len(c.facts)) for c in result.certificate.verdict.claims}
+    assert rules["dgu/n4"] == ("index-storage", 2)  # without the witness, so without the fact that it adds
+    search = Search(decode_all(text(spec)))
+    assert not search._accepts("dgu", "n4", Proposal("proved", "index-storage", data))
+    assert "n4" not in search.context.shortages.keys() | search.context.storages.keys()
 
 
 @pytest.mark.parametrize(

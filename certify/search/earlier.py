@@ -36,7 +36,7 @@ class Earlier:
         for (kind, status, rule, key), count in counts.most_common():
             if count > 1 and len(self.shared.get(kind, [None] * SHARED)) < SHARED:
                 self.shared[kind].append(Proposal(status, rule, proofs[key]))
-        self.offers = {id(p) for listed in (self.found.values(), *self.shared.values()) for p in listed}
+        self.offers = {id(p): p for listed in (self.found.values(), *self.shared.values()) for p in listed}
 
     def of(self, name: str, *rules: str) -> list[Proposal]:
         """What decided the claim of this id, or, if there was none of it, what decided most DGUs or loads: by `rules`.
@@ -46,6 +46,16 @@ class Earlier:
         own = [self.found[name]] if name in self.found else []
         listed = own if name in self.ids else self.shared.get(_kind(name), [])
         return [proposal for proposal in listed if not rules or proposal.rule in rules]
+
+    def short_of(self, name: str) -> list[Proposal]:
+        """Proofs of a shortage, each also without its witness, which only says that less would not do."""
+        listed = []
+        for proposal in self.of(name, "index-storage"):
+            data = {key: value for key, value in proposal.data.items() if key != "witness"}
+            bare = Proposal(proposal.status, proposal.rule, data)
+            self.offers[id(bare)] = bare
+            listed += [proposal, bare]
+        return listed
 
     def offered(self, proposal: Proposal | None) -> bool:
         """Whether a proposal is one of these."""

@@ -168,8 +168,21 @@ class Search:
                 return False
             rule(self.context, what, Data(proposal.data))
         except (RuleFailure, RecursionError):
+            self._forget(kind, what)
             return False
         return True
+
+    def _forget(self, kind: str, what: Any) -> None:
+        """What a rule has noted about its subject before a condition failed: a proof from a file may end half-way."""
+        context = self.context
+        if kind == "dgu":
+            for noted in (context.storages, context.shortages):
+                noted.pop(what, None)
+        elif kind in ("load", "current"):
+            for names in (context.strict_loads, context.sampled):
+                names.discard(what)
+            for numbers in (context.margins, context.moduli):
+                numbers.pop(what, None)
 
     def _earlier_load(self, name: str, strongly: bool) -> list[Proposal]:
         """What an older certificate knows of a load: proofs and refutations, but no mere evidence.
@@ -249,7 +262,7 @@ class Search:
                 yield from [again] if again else []
                 yield from propose_box([self.context.port(node, signs) for signs in corners], smallest)
 
-        older = self.earlier.of(f"dgu/{node}", "index-storage")
+        older = self.earlier.short_of(f"dgu/{node}")
         found = self._first("dgu", node, (self.context.key(node), "index", smallest), proposals, older)
         if found and len(corners) > 1:
             self.boxes[design] = found
