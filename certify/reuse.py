@@ -35,7 +35,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
-from certify.accepted import recall
+from certify.accepted import MIN_BYTES, recall
 from certify.certificate import Certificate, prove, write_certificate
 from certify.kernel import rules
 from certify.kernel.check import FORMAT, proof_key, read_certificate
@@ -174,7 +174,8 @@ def _accepted(old: bytes) -> tuple[Table, bytes]:
     except (ValueError, RecursionError, KeyError, TypeError):
         spec = None
     if spec is None:
-        raise _WholeError("there is no note that this kernel has accepted that certificate on this machine")
+        least = f"{MIN_BYTES // 1000} kB"
+        raise _WholeError(f"this machine has no note that its kernel accepted that certificate (none below {least})")
     if document["verdict"] != "certified" or any(entry["status"] != "proved" for entry in document["claims"]):
         raise _WholeError("not everything was proved before")
     return document, spec
