@@ -238,7 +238,7 @@ def _compare(before: Table, after: Table) -> tuple[list[str], dict[str, set[str]
     }
     if list(was["node"]) != list(now["node"]):
         raise _WholeError("there are other nodes")
-    touched = {key: _names(names) for key, names in changed.items()}
+    filters, controllers = (_names(changed[key]) for key in ("filter", "controller"))
     affected = []
     for name, raw in now["node"].items():
         if raw != was["node"][name]:
@@ -247,7 +247,7 @@ def _compare(before: Table, after: Table) -> tuple[list[str], dict[str, set[str]
             affected.append(name)
         else:
             dgu = _dgu(raw)
-            if any(dgu.get(key) in names for key, names in touched.items()):
+            if dgu.get("filter") in filters or dgu.get("controller") in controllers:
                 affected.append(name)
     # With none there is nothing to prove again, but what has changed must be read all the same.
     affected = affected or [next(name for name, raw in now["node"].items() if _dgu(raw))]
