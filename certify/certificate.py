@@ -22,6 +22,8 @@ from certify.kernel.claims import Verdict
 from certify.search.earlier import Earlier
 from certify.search.prove import Progress, find_claims
 
+MAX_NESTING = 12  # levels of a certificate that are written without `json`
+
 
 @dataclass(frozen=True)
 class Certificate:
@@ -93,8 +95,11 @@ def to_canonical_json(document: dict[str, Any]) -> bytes:
 def _to_json(value: Any, start: str) -> str:
     """The text of a value; `start` is a line break and the indentation of the line that the value stands in.
 
-    Nearly all of a certificate is text, in tables and lists: that is written without a call for each.
+    Nearly all of a certificate is text, in tables and lists: that is written without a call for each. What is nested
+    deeper than any proof is left to `json`, which takes less of the stack.
     """
+    if len(start) > MAX_NESTING:
+        return json.dumps(value, sort_keys=True, indent=1, ensure_ascii=False).replace("\n", start)
     inner = start + " "
     if isinstance(value, dict) and value:
         entries = [

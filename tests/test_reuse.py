@@ -257,6 +257,21 @@ def test_shortages_elsewhere_stay() -> None:
     assert {c.id: c.rule for c in mended.certificate.verdict.claims}["dgu/n4"] == "quadratic-storage"
 
 
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.text(),
+        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+        max_leaves=30,
+    ),
+    st.integers(0, 20),
+)
+def test_certificates_are_written_as_json_would(value: Any, depth: int) -> None:
+    for _ in range(depth):
+        value = [value, "x"]
+    written = json.dumps({"a": value}, sort_keys=True, indent=1, ensure_ascii=False) + "\n"
+    assert to_canonical_json({"a": value}) == written.encode()
+
+
 # --- what is not believed -------------------------------------------------------------------------------------------
 
 
