@@ -79,32 +79,37 @@ def run_prove(options: argparse.Namespace) -> int:
         from certify.report.scenario import run
 
         return _designed(options, partial(run, worst=WORST_FIRST))
-    from certify.certificate import write_atomically
-
     output = Path(options.output) if options.output is not None else None
     if output is not None:
         same = output.exists() and Path(options.spec).exists() and output.samefile(options.spec)
         if same or output.is_dir() or not output.parent.is_dir():
             reason = "it is the spec itself" if same else "there is no such folder, or it is a folder itself"
             return _bad_input(options, (Fault("U001", "--output", f"cannot write {options.output}: {reason}"),))
+    more: dict[str, Any] = {"certificate": options.output}
     try:
-        certificate = _prove(options.spec, options.method)
+        certificate, spec, reproved = _prove(options.spec, options.method, options.reuse)
     except SpecError as error:
         return _bad_input(options, error.faults)
     except Rejected as rejection:  # a defect of the search, stopped by the kernel
         return _rejected(options, rejection)
     if output is not None:
+        from certify.accepted import remember
+        from certify.certificate import write_atomically
+
         try:
             write_atomically(output, certificate.data)
         except OSError as error:
             return _bad_input(options, (Fault("U001", "--output", f"cannot write {output}: {error.strerror}"),))
-    return _report(options, certificate.verdict, certificate.notes, {"certificate": options.output})
+        remember(spec, certificate.data)
+    if reproved is not None:
+        more["reuse"] = {"older": options.reuse, **reproved.summary()}
+    return _report(options, certificate.verdict, certificate.notes, more)
 
 
 def run_check(options: argparse.Namespace) -> int:
     if _is_about_loads(options.certificate):
         return _check_table(options)
-    return _checked(options, options.certificate, lambda verdict, notes: _report(options, verdict, notes, {}))
+    return _checked(options, options.certificate, lambda verdict, notes: _report(options, verdict, notes, {}), True)
 
 
 def _is_about_loads(certificate: str) -> bool:
@@ -148,8 +153,13 @@ def _check_table(options: argparse.Namespace) -> int:
     return code
 
 
-def _checked(options: argparse.Namespace, certificate: str, then: Callable[[Any, dict[str, str]], int]) -> int:
-    """Read both files, check, and report faults under the name of the file that has them."""
+def _checked(
+    options: argparse.Namespace, certificate: str, then: Callable[[Any, dict[str, str]], int], note: bool = False
+) -> int:
+    """Read both files, check, and report faults under the name of the file that has them.
+
+    With `note` the machine remembers what was accepted.
+    """
     from certify.inputs import read
     from certify.kernel.check import check
 
@@ -157,12 +167,45 @@ def _checked(options: argparse.Namespace, certificate: str, then: Callable[[Any,
     try:
         data = read(certificate)
         file = options.spec
-        verdict = check(read(options.spec), data)
+        spec = read(options.spec)
+        verdict = check(spec, data)
     except SpecError as error:
         return _bad_input(options, error.faults, file)
     except Rejected as rejection:
         return _rejected(options, rejection)
+    if note:
+        from certify.accepted import remember
+
+        remember(spec, data)
     return then(verdict, _notes(data))
+
+
+def run_diff(options: argparse.Namespace) -> int:
+    from certify.certificate import prove
+    from certify.comparison import compare
+    from certify.inputs import decode_all, read
+    from certify.report.diff import report
+    from certify.search.earlier import Earlier
+
+    file = options.old
+    certificates: list[Any] = []
+    grids: list[Any] = []
+    try:
+        for file in (options.old, options.new):
+            spec = read(file)
+            # What the change does not touch is proved by the same proofs.
+            earlier = Earlier(json.loads(certificates[0].data)) if certificates else None
+            with _progress(f"proving {file}") as progress:
+                certificates.append(prove(spec, progress, method=options.method, earlier=earlier))
+            grids.append(decode_all(spec))
+    except SpecError as error:
+        return _bad_input(options, error.faults, file)
+    except Rejected as rejection:
+        options.spec = file
+        return _rejected(options, rejection)
+    before, after = certificates
+    comparison = compare((grids[0], grids[1]), (before.verdict, after.verdict))
+    return report(options, comparison, before, after, EXIT_CODES[after.verdict.outcome])
 
 
 def run_gate(options: argparse.Namespace) -> int:
@@ -172,7 +215,7 @@ def run_gate(options: argparse.Namespace) -> int:
         allowed = False
         entry: dict[str, Any] = {"spec": spec}
         try:
-            certificate = _prove(spec, options.method)
+            certificate, _, _ = _prove(spec, options.method)
         except SpecError as error:
             entry |= {
                 "outcome": "bad input",
@@ -281,13 +324,29 @@ def _designed(options: argparse.Namespace, run: Callable[[argparse.Namespace, An
         return _rejected(options, rejection)
 
 
-def _prove(path: str, method: str | None) -> Any:
+def _prove(path: str, method: str | None, older: str | None = None) -> tuple[Any, bytes, Any]:
+    """The certificate of a spec, the bytes of the spec, and what was made of an older certificate, if there is one."""
     from certify.certificate import prove
     from certify.inputs import read
 
-    data = read(path)
+    data, reproved = read(path), None
     with _progress(f"proving {path}") as progress:
-        return prove(data, progress, method=method)
+        if older is None:
+            return prove(data, progress, method=method), data, None
+        from certify.reuse import prove_again
+
+        reproved = prove_again(data, _read_older(older), progress, method)
+        return reproved.certificate, data, reproved
+
+
+def _read_older(path: str) -> bytes:
+    """The bytes of an older certificate. Raises: SpecError U003."""
+    from certify.inputs import read
+
+    try:
+        return read(path)
+    except SpecError as error:
+        raise SpecError((Fault("U003", "--reuse", f"{path}: {error.faults[0].message}"),)) from None
 
 
 @contextlib.contextmanager
@@ -342,6 +401,10 @@ def _report(options: argparse.Namespace, verdict: Any, notes: dict[str, str], mo
         print(render_verdict(verdict, options.spec, notes, options.all, sys.stdout.isatty()))
         if more.get("certificate"):
             print(f"certificate: {more['certificate']}")
+        if "reuse" in more:
+            from certify.report.text import render_reuse
+
+            print(render_reuse(more["reuse"]))
     return code
 
 
@@ -387,6 +450,7 @@ def _print_gate_line(entry: dict[str, Any]) -> None:
 COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "prove": run_prove,
     "check": run_check,
+    "diff": run_diff,
     "gate": run_gate,
     "explain": run_explain,
     "synth": run_synth,

@@ -226,6 +226,12 @@ _ALL = (
         '[scenario.plug-in]\nend = "8 s"\ndisconnected = ["5"]\nevent = [{ at = "4 s", connect = "5" }]',
     ),
     Diagnostic(
+        "U003",
+        "no certificate to reuse",
+        "Proofs can be tried again only if the file is a certificate of a microgrid, of whatever spec.",
+        "name a file that `certify prove SPEC -o CERT` has written, or leave --reuse out",
+    ),
+    Diagnostic(
         "K101",
         "not a certificate",
         "The file is not JSON of the certificate's shape.",

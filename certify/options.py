@@ -57,6 +57,12 @@ def build_parser() -> argparse.ArgumentParser:
         "worst of all: 4, then 2, 1, 3, 0",
     )
     prove.add_argument("--all", action="store_true", help="list every claim")
+    prove.add_argument(
+        "--reuse",
+        metavar="OLD_CERT",
+        help="a certificate of an older state of the spec: its proofs are tried first. If this machine has checked it "
+        "and only a few filters and controllers have changed, what they do not touch is taken over unchecked",
+    )
     add_method(prove)
 
     check = command(
@@ -67,6 +73,15 @@ def build_parser() -> argparse.ArgumentParser:
     check.add_argument("spec", metavar="SPEC", help="the microgrid that the certificate is about")
     check.add_argument("certificate", metavar="CERT", help="the certificate")
     check.add_argument("--all", action="store_true", help="list every claim")
+
+    diff = command(
+        "diff",
+        "prove two states of a spec, and tell which claims the change touches and what becomes of each",
+        "certify diff specs/cigre-mv.toml specs/cigre-mv-as-printed.toml",
+    )
+    diff.add_argument("old", metavar="OLD_SPEC", help="the microgrid before the change")
+    diff.add_argument("new", metavar="NEW_SPEC", help="the microgrid after it; the exit code is that of this one")
+    add_method(diff)
 
     gate = command(
         "gate",

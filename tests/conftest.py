@@ -30,3 +30,9 @@ def specs() -> Path:
 def _at_root(monkeypatch: pytest.MonkeyPatch) -> None:
     """Doctests and commands name specs as a user in the repository would."""
     monkeypatch.chdir(ROOT)
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """What the user's machine remembers is neither asked nor changed."""
+    monkeypatch.setenv("CERTIFY_CACHE", str(tmp_path_factory.getbasetemp() / "accepted"))

@@ -44,7 +44,7 @@ def check(spec: bytes, certificate: bytes) -> Verdict:
     Raises: SpecError if the spec is not well formed; Rejected if the certificate does not prove what it says.
     """
     grid = decode(spec)
-    document = _read(certificate)
+    document = read_certificate(certificate)
     if document["format"] != FORMAT:
         raise Rejected("K102", "format", f"this checker reads {FORMAT}")
     if document["spec_sha256"] != hashlib.sha256(spec).hexdigest():
@@ -106,7 +106,9 @@ def _check_claims(grid: Microgrid, document: dict[str, Any]) -> Verdict:
     return Verdict(outcome, tuple(results), tuple((entry["name"], entry["statement"]) for entry in ledger))
 
 
-def _read(certificate: bytes) -> dict[str, Any]:
+def read_certificate(certificate: bytes) -> dict[str, Any]:
+    """The document of a certificate, nothing of which is checked yet but its keys. Raises: Rejected K101."""
+
     def no_number(text: str) -> object:
         raise ValueError(f"a bare number {shorten(text)}; rationals are written as text")
 

@@ -256,9 +256,8 @@ def but_for_a_shortage(statement: str, shortage: Fraction) -> str:
     return f"{statement} - but for a shortage: S' <= <z~, d~> + eps |d~|^2 with eps = {to_text(shortage)} ohm"
 
 
-def assumptions(context: Context) -> list[dict[str, str]]:
-    """The ledger: what the proof takes as given, after all claims have their status."""
-    grid = context.grid
+def grid_assumptions(grid: Microgrid) -> dict[str, str]:
+    """What every proof about a microgrid takes as given, and the tool cannot discharge: name -> what is assumed."""
     ledger = {
         "balanced": "voltages and currents are balanced three-phase, without zero sequence",
         "synchronous-frame": f"all dq frames turn at w0 = {to_text(grid.w0)} rad/s (2 pi f to 40 digits) in phase",
@@ -277,6 +276,12 @@ def assumptions(context: Context) -> list[dict[str, str]]:
     if limited:
         text = "not covered is what inverters do beyond their limits: switching between modes, integrators that wind up"
         ledger["unsaturated"] = f"{text}: nodes {', '.join(limited)}"
+    return ledger
+
+
+def assumptions(context: Context) -> list[dict[str, str]]:
+    """The ledger, after all claims have their status: what is taken as given, and what was not proved."""
+    ledger = grid_assumptions(context.grid)
     for name in sorted(context.sampled):
         ledger[f"sampled/{name}"] = f"the load current at node {name} is monotone on its band: tried, and not proved"
     for island in context.islands:

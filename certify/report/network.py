@@ -77,9 +77,9 @@ def summary(verdict: Verdict, notes: dict[str, str]) -> list[str]:
     lines: list[str] = []
     for name in islands[:SHOWN]:
         where = f" of the island of node {name}" if len(islands) > 1 else ""
-        if claims[f"equilibrium/{name}"].status == "proved":
+        if claims[f"equilibrium/{name}"].facts and claims[f"equilibrium/{name}"].status == "proved":
             lines.append(f"equilibrium{where}: {tell_rest(read_rest(claims[f'equilibrium/{name}']))}")
-        if claims[f"region/{name}"].status in ("proved", "conditional"):
+        if claims[f"region/{name}"].facts:
             lines.append(f"region{where}: {tell_region(read_region(claims[f'region/{name}']))}")
         if held := claims.get(f"saturated/{name}"):
             found = held.status == "proved"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
+from typing import Any
 
 from certify.diagnostics import DIAGNOSTICS
 from certify.kernel.claims import BESIDE, Claim, Verdict
@@ -119,6 +120,22 @@ def stability(verdict: Verdict) -> list[str]:
     return [f"proved{only}: {claim.statement}."]
 
 
+def render_reuse(reuse: Mapping[str, Any]) -> str:
+    """What was made of an older certificate, plainly: what was checked now, and what was not."""
+    again = reuse["decided_again"]
+    head = f"reused: {reuse['older']}; decided again: {len(again):,}"
+    head += f" ({', '.join(again[:4])}{', ..' if len(again) > 4 else ''})" if again else ""
+    if reuse["why_all"] is None:
+        return (
+            f"{head}, and checked; taken over: {reuse['taken_over']:,}, as accepted before\n"
+            "by this kernel on this machine (`certify check` verifies all of them)"
+        )
+    return (
+        f"{head}; by its proofs: {reuse['by_older_proofs']:,}; all {reuse['checked']:,} claims were checked, because\n"
+        f"{reuse['why_all']}"
+    )
+
+
 def open_claims(verdict: Verdict, notes: dict[str, str], colour: bool = False) -> list[str]:
     """The claims that are not proved, each with its reason, those about parts first."""
     lines: list[str] = []
@@ -139,6 +156,12 @@ def open_claims(verdict: Verdict, notes: dict[str, str], colour: bool = False) -
 
 def _kind(claim: Claim) -> str:
     return claim.id.split("/")[0]
+
+
+def kind_of(claim: str) -> str:
+    """What a claim of this id is about, in the plural; for a kind without a name of its own the start of the id."""
+    kind = claim.split("/", 1)[0]
+    return _KINDS.get(kind, kind)
 
 
 def _summary(claims: tuple[Claim, ...]) -> list[tuple[str, ...]]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
+from itertools import chain
 from typing import Any
 
 from certify.kernel.check import proof_key
@@ -23,6 +24,7 @@ from certify.kernel.load_proofs import lipschitz
 from certify.kernel.proofs import HOLDS, RULES, least_resistance
 from certify.kernel.spec import Microgrid
 from certify.search.dgu import propose_dgu
+from certify.search.earlier import Earlier
 from certify.search.equilibrium import EquilibriumSearch
 from certify.search.loads import propose_disk, propose_load
 from certify.search.proposal import Proposal
@@ -43,17 +45,25 @@ Progress = Callable[[int, int], None]
 
 
 def find_claims(
-    grid: Microgrid, progress: Progress | None = None, refute: bool = True, method: str | None = None
+    grid: Microgrid,
+    progress: Progress | None = None,
+    refute: bool = True,
+    method: str | None = None,
+    earlier: Earlier | None = None,
 ) -> dict[str, Any]:
     """The claims, proofs, ledger and verdict for a microgrid, as a certificate holds them; and notes on open claims.
 
     Without `refute` no time is spent on why a DGU with tolerances has no proof. `method`: the only one for loads.
+    `earlier`: proofs of an older certificate, to be tried first. The result is not worse for them: where they may be
+    why an island is not proved, all is searched without them.
     """
-    search = Search(grid, refute, method)
+    search = Search(grid, refute, method, earlier)
     for count, name in enumerate(search.expected):
         search.decide(name)
         if progress:
             progress(count + 1, len(search.expected))
+    if search.may_owe_to_borrowed():
+        return find_claims(grid, progress, refute, method)
     return search.result()
 
 
@@ -64,8 +74,12 @@ class Search:
     claim about its island follows from it; otherwise the refutation of its passivity is what one should know.
     """
 
-    def __init__(self, grid: Microgrid, refute: bool = True, method: str | None = None) -> None:
+    def __init__(
+        self, grid: Microgrid, refute: bool = True, method: str | None = None, earlier: Earlier | None = None
+    ) -> None:
         self.refute, self.method = refute, method
+        self.earlier = earlier or Earlier()
+        self.given_up: set[str] = set()  # the nodes where a proof of the older certificate was of no use in the end
         self.context = Context(grid)
         self.expected = statements(self.context)
         self.known: dict[Any, Proposal | None] = {}
@@ -103,15 +117,25 @@ class Search:
         elif kind == "load":
             pieces = self.context.pieces(what)
             strongly = what in self.context.shortages
-            found = self._first("load", what, (pieces, strongly), lambda: propose_load(pieces, strongly, self.method))
+            found = self._first(
+                "load",
+                what,
+                (pieces, strongly),
+                lambda: propose_load(pieces, strongly, self.method),
+                self._earlier_load(name, strongly),
+            )
         elif kind == "current":
             strongly, node = what in self.context.shortages, self.context.nodes[what]
             content = (node.current, node.loads, strongly)
             found = self._first(
-                "current", what, content, lambda: propose_disk(self.context, what, strongly, self.method)
+                "current",
+                what,
+                content,
+                lambda: propose_disk(self.context, what, strongly, self.method),
+                self._earlier_load(name, strongly),
             )
         elif kind == "island":
-            found = self._first("island", what, None, lambda: self._pins(what))
+            found = self._first("island", what, None, lambda: self._pins(what), self.earlier.of(name))
             if found is None:
                 self._give_up_shortages(what)
         elif kind in ("equilibrium", "saturated"):
@@ -136,25 +160,79 @@ class Search:
         if found is None:
             self.notes[name] = self.reasons.get(name) or self._reason(self.expected[name][0])
 
-    def _first(self, kind: str, what: Any, content: Any, propose: Callable[[], Iterator[Proposal]]) -> Proposal | None:
-        """The first proposal that the kernel's rule accepts. Subjects of equal content share the search."""
+    def _first(
+        self,
+        kind: str,
+        what: Any,
+        content: Any,
+        propose: Callable[[], Iterator[Proposal]],
+        earlier: Sequence[Proposal] = (),
+    ) -> Proposal | None:
+        """The first proposal that the kernel's rule accepts, `earlier` ones before those that a search makes.
+
+        Subjects of equal content share the search.
+        """
         key = (kind, content)
         if content is not None and key in self.known:
             again = self.known[key]
             proposals = iter([again] if again else [])
         else:
-            proposals = propose()
-        result = None
-        for proposal in _until_exhausted(proposals):
-            try:
-                RULES[kind, proposal.status, proposal.rule](self.context, what, Data(proposal.data))
-            except RuleFailure:
-                continue
-            result = proposal
-            break
+            proposals = chain(earlier, _until_exhausted(propose()))
+        result = next((proposal for proposal in proposals if self._accepts(kind, what, proposal)), None)
         if content is not None:
             self.known[key] = result
         return result
+
+    def _accepts(self, kind: str, what: Any, proposal: Proposal) -> bool:
+        """Whether the kernel's rule does; a proof that was read from a file may name any rule, and be nested deeply."""
+        rule = RULES.get((kind, proposal.status, proposal.rule))
+        try:
+            if rule is None:
+                return False
+            rule(self.context, what, Data(proposal.data))
+        except (RuleFailure, RecursionError):
+            self._forget(kind, what)
+            return False
+        return True
+
+    def _forget(self, kind: str, what: Any) -> None:
+        """What a rule has noted about its subject before a condition failed: a proof from a file may end half-way."""
+        context = self.context
+        if kind == "dgu":
+            for noted in (context.storages, context.forms, context.shortages):
+                noted.pop(what, None)
+        elif kind in ("load", "current"):
+            for names in (context.strict_loads, context.sampled):
+                names.discard(what)
+            for numbers in (context.margins, context.moduli):
+                numbers.pop(what, None)
+
+    def _earlier_load(self, name: str, strongly: bool) -> list[Proposal]:
+        """What an older certificate knows of a load: proofs and refutations, but no mere evidence.
+
+        With a method that was asked for, only that one counts; if a modulus is of use, only proofs with one.
+        """
+        if self.method:
+            return []
+        found = [proposal for proposal in self.earlier.of(name) if proposal.status in ("proved", "refuted")]
+        return [p for p in found if not strongly or p.status == "refuted" or "modulus" in p.data]
+
+    def may_owe_to_borrowed(self) -> bool:
+        """Whether an island may lack a proof only because older proofs of its parts say less than new ones might.
+
+        A smaller shortage, a larger modulus, a strict load or another storage matrix make up for more, and the older
+        certificate, which anybody may have written, need not have the best.
+        """
+        for name, (subject, _) in self.expected.items():
+            if subject[0] != "island" or self.context.status[name] in HOLDS:
+                continue
+            parts = [part for node in subject[1] for part in (f"dgu/{node}", f"load/{node}") if part in self.expected]
+            borrowed = any(self.earlier.offered(self.accepted[part]) for part in parts)
+            if self.given_up.intersection(subject[1]) or (
+                borrowed and all(self.context.status[part] in HOLDS for part in parts)
+            ):
+                return True
+        return False
 
     def _dgu(self, node: Mode) -> Proposal | None:
         """Passivity; failing that, passivity but for a shortage; with tolerances, the latter at once."""
@@ -162,24 +240,33 @@ class Search:
             self.context.port(node)
         except RuleFailure:
             return None
-        found = None if len(self.context.corners(node)) > 1 else self._passivity(node)
+        found = None if len(self.context.corners(node)) > 1 else self.passivity(node)
         if found and found.status == "proved":
             return found
-        return self._index(node) or found or (self._passivity(node) if self.refute else None)
+        return self._index(node) or found or (self.passivity(node) if self.refute else None)
 
-    def _passivity(self, node: Mode) -> Proposal | None:
+    def passivity(self, node: Mode) -> Proposal | None:
         """EIP, or why not: with tolerances, at the corner where most is missing."""
         content = self.context.key(node)
         corners = self.context.corners(node)
         if len(corners) == 1:
-            return self._first("dgu", node, content, lambda: propose_dgu(self.context.port(node)))
+            return self._first(
+                "dgu", node, content, lambda: propose_dgu(self.context.port(node)), self._earlier_passivity(node)
+            )
 
         def refutations() -> Iterator[Proposal]:
             from certify.search.shortage import refute_corners
 
             yield from refute_corners({signs: self.context.port(node, signs) for signs in corners})
 
-        return self._first("dgu", node, (content, "corners"), refutations)
+        return self._first("dgu", node, (content, "corners"), refutations, self._earlier_passivity(node))
+
+    def _earlier_passivity(self, mode: Mode) -> list[Proposal]:
+        """What an older certificate knows of it, and why a DGU that was passive but for a shortage is no more."""
+        name = _claim_about(mode)
+        found = self.earlier.of(name, "quadratic-storage", "frequency-witness", "storage-contradiction")
+        short = [proposal.data.get("witness") for proposal in self.earlier.of(name, "index-storage")]
+        return found + [Proposal("refuted", "frequency-witness", data) for data in short if isinstance(data, dict)]
 
     def _index(self, node: Mode) -> Proposal | None:
         """Passivity but for a shortage, as small as can be; with tolerances, for the whole box."""
@@ -199,7 +286,8 @@ class Search:
                 yield from [again] if again else []
                 yield from propose_box([self.context.port(node, signs) for signs in corners], smallest)
 
-        found = self._first("dgu", node, (self.context.key(node), "index", smallest), proposals)
+        older = self.earlier.short_of(f"dgu/{node}")
+        found = self._first("dgu", node, (self.context.key(node), "index", smallest), proposals, older)
         if found and len(corners) > 1:
             self.boxes[design] = found
         return found
@@ -223,7 +311,9 @@ class Search:
             useless = short  # what remains is that the lines do not make up for all of them together
         for node in useless if self.refute else ():
             shortage, storage = self.context.shortages.pop(node), self.context.storages.pop(node)
-            found = self._passivity(node)
+            if any(self.earlier.offered(self.accepted.get(f"{part}/{node}")) for part in ("dgu", "load")):
+                self.given_up.add(node)
+            found = self.passivity(node)
             if found is None:
                 self.context.shortages[node], self.context.storages[node] = shortage, storage
             else:
@@ -272,6 +362,12 @@ class Search:
         if subject[0] in ("load", "current") and self.method:
             return "P210"
         return REASONS[subject[0]]
+
+
+def _claim_about(mode: Mode) -> str:
+    """The id of the claim about a DGU, or about a mode of it."""
+    node, held = split(mode)
+    return f"mode/{node}/{held}" if held else f"dgu/{node}"
 
 
 def _until_exhausted(proposals: Iterator[Proposal]) -> Iterator[Proposal]:
