@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from certify.kernel.claims import Claim, Context, Verdict, statements
+from certify.kernel.equilibrium import regulates
 from certify.kernel.model import incidence
 from certify.kernel.proofs import HOLDS
 from certify.kernel.spec import Microgrid
@@ -112,6 +113,8 @@ def _content(context: Context, kind: str, what: Any) -> Hashable:
         return (node.loads, node.band_volt, node.current)
     if kind == "interconnection":
         return tuple(frozenset(side.items()) for side in incidence(grid))
+    if kind == "equilibrium":
+        return (grid.w0, tuple(_at_rest(context, name) for name in what), _lines(context, what))
     if kind == "island":
         parts = [(name, context.key(name), replace(context.nodes[name], dgu=None)) for name in what]
         return (grid.w0, tuple(parts), _lines(context, what))
@@ -119,6 +122,17 @@ def _content(context: Context, kind: str, what: Any) -> Hashable:
         nodes = tuple(context.nodes[name] for name in what)
         return (grid.w0, grid.line_legs_at_dgus, nodes, _lines(context, what))
     return replace(grid, name="")
+
+
+def _at_rest(context: Context, name: str) -> Hashable:
+    """What of a node enters an equilibrium: of a DGU that keeps its reference, without limits, only the reference."""
+    node = context.nodes[name]
+    dgu, bare = node.dgu, replace(node, dgu=None)
+    if dgu is None:
+        return (bare, context.capacitances["-"][name], context.capacitances["+"][name])
+    if regulates(context, name) and dgu.limits_volt is None:
+        return (bare, dgu.reference_volt)
+    return (bare, dgu.reference_volt, dgu.limits_volt, context.key(name))
 
 
 def _lines(context: Context, names: Iterable[str]) -> Hashable:

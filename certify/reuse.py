@@ -319,11 +319,11 @@ def _dgus(*nodes: Node) -> list[Dgu]:
 def _others_stand(kinds: set[str], was: Context, now: Context, affected: list[str]) -> None:
     """Of claims that are not about a part, its island or the microgrid, which ones a change leaves as they are.
 
-    An equilibrium of an island has the voltages V* where a controller integrates V* - V with gains of full rank, and
-    what lines, loads and other DGUs make of them elsewhere. The gains are of no account then; the filter is, for what
-    the inverter has to apply, and so are limits. The level of a region rests on the margins of the equilibrium, and on
-    how far V may be off at a given storage: with `quadratic-storage`, that is all that is taken here, 1/C. So it is
-    the same. Nothing is known here of any other kind.
+    An equilibrium has the voltages V* where a controller integrates V* - V with gains of full rank, and what lines,
+    loads and other DGUs make of them elsewhere: neither the gains nor the filter of such a DGU enter. They do enter
+    what its inverter has to apply, but that is compared with limits only, and it has none. A region needs room at the
+    equilibrium and proofs of the parts; how much energy the room is worth is no part of the claim. Nothing is known
+    here of any other kind.
     """
     others = kinds - PARTS
     if not others:
@@ -333,7 +333,7 @@ def _others_stand(kinds: set[str], was: Context, now: Context, affected: list[st
     for name in affected:
         before, after = _dgus(was.nodes[name], now.nodes[name])
         regulated = regulates(was, name) and regulates(now, name)
-        if before.filter != after.filter or after.limits_volt or not regulated:
+        if before.limits_volt or after.limits_volt or not regulated:
             raise _WholeError(f"the equilibrium may depend on what has changed at node {name}")
 
 

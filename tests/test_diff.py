@@ -45,23 +45,24 @@ def touched(found: dict[str, str]) -> dict[str, str]:
     return {name: what for name, what in found.items() if what != "kept"}
 
 
-ISLAND = {"invariant-set/n0": "proved again", "microgrid": "proved again"}
+ISLAND = dict.fromkeys(("invariant-set/n0", "microgrid", "region/n0"), "proved again")
+REST = {"equilibrium/n0": "proved again", "region/n0": "proved again"}
 
 
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
         (lambda _: None, {}),
-        (lambda s: s["node"]["n4"]["dgu"].update(reference=["0.9 pu", "0 V"]), {}),  # no claim depends on it
+        (lambda s: s["node"]["n4"]["dgu"].update(reference=["0.9 pu", "0 V"]), REST),
         (lambda s: s["controller"]["c4"]["let"].update(kp="700"), {"dgu/n4": "proved again", **ISLAND}),
         (lambda s: s["filter"]["f4"].update(C="26 uF"), {"dgu/n4": "proved again", **ISLAND}),
         (lambda s: s["filter"]["f4"].update(R="100 mohm", L="1.8e-3"), {"dgu/n4": "proved again", **ISLAND}),
-        (lambda s: s["node"]["n1"].update(load=[]), {"load/n1": "gone", **ISLAND}),
-        (lambda s: s["node"]["n0"].update(load=BASE["node"]["n1"]["load"]), {"load/n0": "new", **ISLAND}),
-        (lambda s: s["line"][0].update(R="2 ohm"), {"line/l0": "proved again", **ISLAND}),
+        (lambda s: s["node"]["n1"].update(load=[]), {"load/n1": "gone", **ISLAND, **REST}),
+        (lambda s: s["node"]["n0"].update(load=BASE["node"]["n1"]["load"]), {"load/n0": "new", **ISLAND, **REST}),
+        (lambda s: s["line"][0].update(R="2 ohm"), {"line/l0": "proved again", **ISLAND, **REST}),
         (
             lambda s: s["controller"]["c6"].update(alpha=5),
-            {"dgu/n6": "lost", "invariant-set/n0": "lost", "microgrid": "lost"},
+            {"dgu/n6": "lost", "invariant-set/n0": "lost", "microgrid": "lost", "region/n0": "lost"},
         ),
     ],
 )
@@ -73,12 +74,12 @@ def test_the_capacitance_of_a_line_is_that_of_the_dgus_at_its_ends() -> None:
     line = BASE["line"][0]
     found = touched(changes(lambda s: s["line"][0].update(C="100 nF")))
     ends = {f"dgu/{line[end]}" for end in ("from", "to") if "dgu" in BASE["node"][line[end]]}
-    assert found == {**dict.fromkeys(ends, "proved again"), **ISLAND}
+    assert found == {**dict.fromkeys(ends, "proved again"), **ISLAND, **REST}
 
 
 def test_the_frequency_touches_every_dgu_and_no_load() -> None:
     found = touched(changes(lambda s: s.update(frequency="60 Hz")))
-    assert {name.split("/")[0] for name in found} == {"dgu", "invariant-set", "microgrid"}
+    assert {name.split("/")[0] for name in found} == {"dgu", "invariant-set", "microgrid", "equilibrium", "region"}
 
 
 def test_the_same_in_other_units_is_the_same() -> None:
@@ -90,7 +91,7 @@ def test_the_same_in_other_units_is_the_same() -> None:
 def test_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["diff", CIGRE, PRINTED]) == 1
     output = capsys.readouterr().out
-    assert "lost (held before, and does no more):\n  dgu/1, invariant-set/1, microgrid" in output
+    assert "lost (held before, and does no more):\n  dgu/1, invariant-set/1, microgrid, region/1" in output
     assert "refuted[frequency-witness] dgu/1" in output
     assert "Re(u* Z(s0) u): -954.329 ohm" in output
     assert output.endswith(f"before: CERTIFIED: {CIGRE}\nafter:  REFUTED: {PRINTED}\n")
@@ -99,7 +100,7 @@ def test_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["diff", PRINTED, PRINTED, "--json"]) == 1
     result = json.loads(capsys.readouterr().out)
     assert (result["outcome_before"], result["outcome"], result["exit_code"]) == ("refuted", "refuted", 1)
-    assert result["counts"]["open"] == 3
+    assert result["counts"]["open"] == 4
     assert {"id": "dgu/1", "change": "open", "before": "refuted", "after": "refuted"} in result["changes"]
     assert result["verdict"]["outcome"] == "refuted"
 
