@@ -125,7 +125,7 @@ def judge_proved(network: Network, claim: Claim, found: Equilibria) -> tuple[str
             return WRONG, "the oracle finds no equilibrium at all"
         truth = min(candidates, key=lambda solution: distance(solution.voltages, here))
         off = distance(truth.voltages, here)
-        if off > to_mpf(rho):
+        if off > to_mpf(rho) + EXACT * max(map(abs, here.values())):
             return WRONG, f"the nearest equilibrium is {mp.nstr(off, 5)} V away, not {float(rho):.5g} V"
         if not in_bands(network, truth.voltages):
             return WRONG, "the equilibrium has a load outside its band"

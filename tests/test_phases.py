@@ -369,7 +369,7 @@ def test_a_method_that_only_samples_makes_phases_conditional(
     assert main(["prove", str(file), "--scenario", "x", "--method", "sampled"]) == 3
     told = capsys.readouterr().out
     assert told.startswith("CONDITIONAL")
-    assert "within each phase for which it says so, proved, if what the ledger says of sampled/b" in told
+    assert "within a phase, proved, if what the ledger says of sampled/b" in told
 
 
 def test_a_rejection_in_a_later_phase_writes_nothing(

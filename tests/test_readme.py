@@ -17,7 +17,7 @@ SHOWN = re.findall(r"<!-- certify (.*?) -->\n```text\n(.*?)```", TEXT, re.DOTALL
 
 
 def test_there_is_output_to_compare() -> None:
-    assert len(SHOWN) == 8
+    assert len(SHOWN) == 10
 
 
 @pytest.mark.parametrize(("command", "text"), SHOWN, ids=[command for command, _ in SHOWN])
@@ -61,7 +61,7 @@ def test_spec_example_is_certified() -> None:
 
 def test_commands_of_the_tour_parse(capsys: pytest.CaptureFixture[str]) -> None:
     tour = re.findall(r"^certify (\w+) ", TEXT, re.MULTILINE)
-    assert set(tour) == {"check", "explain", "gate", "tolerance", "synth"}
+    assert set(tour) == {"check", "explain", "gate", "tolerance", "synth", "diff"}
     for command in ("prove", *tour):
         with pytest.raises(SystemExit) as stopped:
             main([command, "--help"])

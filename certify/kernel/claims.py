@@ -206,7 +206,10 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
         text = f"{_island(island)} nothing but rest is without dissipation"
         claims[f"invariant-set/{island[0]}"] = ("island", island), text
     places = "bands or disks" if any(node.current for node in grid.nodes) else "bands"
-    text = f"every equilibrium with all load voltages strictly inside their {places} is asymptotically stable"
+    limited = any(node.dgu and node.dgu.limits_volt for node in grid.nodes)
+    inside = f"all load voltages strictly inside their {places}"
+    inside += " and all inverters strictly inside their limits" if limited else ""
+    text = f"every equilibrium with {inside} is asymptotically stable"
     text += ", for all values within the tolerances" if any(", for all" in said for _, said in claims.values()) else ""
     claims["microgrid"] = ("microgrid", None), text
     for island in context.islands:

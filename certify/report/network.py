@@ -96,7 +96,8 @@ def tell_rest(rest: Rest) -> str:
     text = f"proved to within {rest.radius:.2g} V, {only}"
     sizes = {name: abs(V) for name, V in rest.voltages.items()}
     low, high = min(sizes, key=sizes.__getitem__), max(sizes, key=sizes.__getitem__)
-    text += f"; |V| from {sizes[low]:.6g} V (node {low}) to {sizes[high]:.6g} V (node {high})"
+    text += f"; |V| {'from ' if low != high else ''}{sizes[low]:.6g} V (node {low})"
+    text += f" to {sizes[high]:.6g} V (node {high})" if low != high else ""
     if rest.lines:
         line = max(rest.lines, key=lambda name: abs(rest.lines[name]))
         text += f"; up to {abs(rest.lines[line]):.6g} A (line {line})"

@@ -17,6 +17,7 @@ from certify.phases import Phase, read_phases
 from certify.report.files import check_folder, write_folder
 from certify.report.layout import table
 from certify.report.machine import verdict_to_dict
+from certify.report.network import summary
 from certify.report.text import approximate, open_claims, paint, stability
 from certify.search.prove import Progress
 
@@ -105,7 +106,7 @@ def render_scenario(
     lines.append("")
     verdicts = [entry.certificate.verdict for entry in proved]
     for text in dict.fromkeys(text for verdict in verdicts for text in stability(verdict)):
-        lines.append(f"within each phase for which it says so, {text}")
+        lines.append(f"within a phase, {text}")
     ledger = dict.fromkeys(name for verdict in verdicts for name, _ in verdict.assumptions)
     lines.append(f"assumed, not proved: {', '.join(ledger)} (`certify explain CERT SPEC` says how, for each phase)")
     if len(proved) > 1:
@@ -130,6 +131,7 @@ def _render_phase(entry: ProvedPhase, every_claim: bool, colour: bool) -> list[s
     lines += [f"  {_render_jump(jump)}" for jump in entry.jumps[:SHOWN_ISLANDS]]
     if len(entry.jumps) > SHOWN_ISLANDS:
         lines.append(f"  and {len(entry.jumps) - SHOWN_ISLANDS} more islands (--json has them all)")
+    lines += [f"  {line}" for line in summary(verdict, entry.certificate.notes)]
     if every_claim:
         lines.append(table(((c.status, c.id, c.rule or "-", c.statement) for c in verdict.claims), "    "))
     found = open_claims(verdict, entry.certificate.notes, colour)

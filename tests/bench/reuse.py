@@ -47,7 +47,7 @@ def row(folder: Path, size: int) -> str:
         most = max(most, own)
     measured("check", str(new_spec), str(new))  # fails unless the certificate is accepted in full
     median = statistics.median(times)
-    how = "taken over" in new.read_text()
+    how = "taken_over" in new.read_text()
     return (
         f"| {size} | {spec.stat().st_size / 1e6:.2f} | {prove:.2f} | {check:.2f} | {median:.2f} | {prove / median:.0f} | "
         f"{'what changed' if how else 'all'} | {memory} | {most} |"
