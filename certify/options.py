@@ -94,7 +94,8 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="NAME",
         action="append",
         default=[],
-        help="an assumption of the ledger that a verdict may rest on, such as sampled/9; may be given again",
+        help="an assumption of the ledger that a verdict may rest on, such as sampled/9 or equilibrium/9; may be "
+        "given again",
     )
     add_method(gate)
 

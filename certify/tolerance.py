@@ -43,6 +43,8 @@ def largest_tolerance(
 ) -> LargestTolerance:
     """Bisect the share by which all R, L, C of filters and lines and all coefficients of loads may be off at once.
 
+    What is proved of the spec without a tolerance has to be proved with it: where that rests on an assumption of the
+    ledger, such as that an equilibrium exists, it still may.
     `of` names the kinds of parts that it is asked of; parts with a tolerance of their own keep that. Bisection needs
     about ten proofs.
     Raises: SpecError if the spec is not well formed, or no part takes a tolerance from it.
@@ -72,11 +74,12 @@ def largest_tolerance(
     steps = int(1 / STEP)
     low, high = 0, steps
     found = trial(Fraction(0), refute=True)
-    if found.verdict.outcome != "certified":
+    enough = {"certified", found.verdict.outcome}  # as good as without a tolerance
+    if found.verdict.outcome not in ("certified", "conditional"):
         return LargestTolerance(of, kept, replaced, None, STEP, spec, found, found)
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (middle, high) if trial(middle * STEP).verdict.outcome == "certified" else (low, middle)
+        low, high = (middle, high) if trial(middle * STEP).verdict.outcome in enough else (low, middle)
     failing = trial(high * STEP, refute=True) if high < steps else None
     text = edit_spec(spec, lambda document: with_tolerance(document, of, low * STEP))
     return LargestTolerance(of, kept, replaced, low * STEP, high * STEP, text, prove(text), failing)

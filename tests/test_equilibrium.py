@@ -6,6 +6,7 @@ import json
 import math
 import tomllib
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy
@@ -13,11 +14,16 @@ import pytest
 from scipy.optimize import fsolve
 
 from certify.certificate import Certificate, prove
+from certify.cli import main
+from certify.inputs import decode_all
 from certify.kernel.claims import Claim
+from certify.kernel.errors import SpecError
 from certify.phases import read_phases
 from certify.report.network import read_region, read_rest
+from tests import campaign_equilibria as campaign
 from tests.conftest import ROOT
 from tests.equilibrium_oracle import find_equilibria, read_network
+from tests.network_cases import network_case
 
 CIGRE = (ROOT / "specs" / "cigre-mv.toml").read_bytes()
 FILTER = {"R": "0.1 ohm", "L": "1.8 mH", "C": "25 uF"}
@@ -298,3 +304,65 @@ def test_mode_of_one_axis_against_a_frequency_sweep() -> None:
     facts = {name: float(value) for name, value, _ in claim(prove(oscillator(1000, "rl")), "mode/a/d").facts}
     assert facts["shortage eps"] >= -least
     assert facts["no shortage is enough below"] == pytest.approx(-least, rel=0.02)
+
+
+# --- what goes wrong ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("limits", [["0 V", "20 kV"], ["20 kV", "-1 V"], [0, 0]])
+def test_limits_of_zero_are_refused(limits: list[Any]) -> None:
+    with pytest.raises(SpecError) as caught:
+        decode_all(network({"a": dgu(limits=limits)}))
+    assert all(fault.path.startswith("node.a.dgu.limits") for fault in caught.value.faults)
+    assert "must be positive" in str(caught.value)
+
+
+def test_messages_about_equilibria_that_are_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    heavy = zip_load("0 S", "0 A", "500 M")
+    cases = {
+        "outside its band": (network({"a": {**dgu("1.3 pu"), "load": [zip_load()]}}), 1, "modulus of the reference"),
+        "beyond its limits": (
+            network({"a": dgu("1 pu", limits=["1 pu", "1 pu"]), "b": dgu("0.9 pu")}, "ab"),
+            1,
+            "refuted[limits-exceeded] equilibrium/a",
+        ),
+        "too heavy": (network({"a": dgu(), "b": {"load": [heavy]}}, "ab"), 1, "unknown[P213] equilibrium/a"),
+        "not regulated": (
+            network(
+                {"a": {"dgu": {**dgu()["dgu"], "controller": "p"}}},
+                controller={"p": {"kind": "state-feedback", "K11": 0, "K12": -1}},
+            ),
+            3,
+            "unknown[P212] equilibrium/a",
+        ),
+    }
+    for name, (spec, code, message) in cases.items():
+        path = tmp_path / "s.json"
+        path.write_bytes(spec)
+        assert main(["prove", str(path)]) == code, name
+        told = capsys.readouterr().out
+        assert message in told, name
+        assert "= help:" in told or code == 1
+    assert main(["gate", str(path), "--allow", "equilibrium/a"]) == 0
+    assert main(["gate", str(path)]) == 3
+    assert "--allow equilibrium/a" in capsys.readouterr().out
+
+
+def test_the_story_of_cigre(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "c.json"
+    path.write_bytes(prove(CIGRE).data)
+    assert main(["explain", str(path), str(ROOT / "specs" / "cigre-mv.toml")]) == 0
+    told = capsys.readouterr().out
+    assert "A network with 6 DGUs, 9 nodes with static loads, 12 lines, 1 island; all parts are proved." in told
+    assert "the only equilibrium with all loads in their bands" in told
+    assert "What limits this is node 8: 8628.86 V are left there." in told
+    assert "The largest currents flow in line 16 (7425 A)" in told
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_random_networks_against_the_oracle(number: int) -> None:
+    """A part of `campaign_equilibria.py`: small networks, planted and random, near and beyond the nose."""
+    case = network_case(number, 7)
+    if len(case.document["node"]) <= 30:
+        for result in campaign.compare(case, 7):
+            assert result.mark not in (campaign.WRONG, campaign.FAILED, campaign.ABSENT), result
