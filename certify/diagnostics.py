@@ -417,10 +417,10 @@ kettle,2,1,230,0.96,0.05,-0.01,0,0,1""",
     ),
     Diagnostic(
         "P212",
-        "nothing makes the voltage of a DGU its reference",
-        "Without integral action on both axes (K13 missing or singular) a DGU comes to rest at a voltage that "
-        "depends on the network, and no rule proves where. Of a linear loop it is asked that C F^-1 B = 0: no "
-        "current moves its voltage at rest.",
+        "nothing says where a DGU comes to rest",
+        "Without integral action on both axes (K13 missing or singular) a DGU comes to rest at a voltage that depends "
+        "on the network, and no rule proves where. A linear loop has to have a nonsingular F, and -C F^-1 B, which a "
+        "current changes of its voltage at rest, has to be zero or a complex impedance.",
         'integral action on both axes, or kind = "constant" for an inverter without feedback',
     ),
     Diagnostic(

@@ -234,6 +234,33 @@ def test_an_inverter_held_at_a_constant_voltage_is_a_source() -> None:
     assert rest.terminals["a"] == 20_000
 
 
+def test_a_loop_of_ones_own_is_a_source_behind_what_a_current_changes() -> None:
+    """specs/custom-loop.json by its own states: all derivatives zero, in one linear system of floats."""
+    spec = (ROOT / "specs" / "custom-loop.json").read_bytes()
+    rest = read_rest(claim(prove(spec), "equilibrium/inverter"))
+    c, el, r, k = 5e-5, 2e-3, 2.0, 3.0
+    y = 1 / complex(0.3, W0 * 0.6e-3)
+
+    def out(house: complex) -> tuple[complex, complex]:
+        """The voltage of the inverter and the mismatch at the house, for a voltage there."""
+        z1 = -1 / (r + k + 1j * W0 * el)  # x1 = z1 x0
+        leg = 1j * W0 * 10e-9
+        # 0 = -j w0 c x0 + z1 x0 + d, V = 400 + x0
+        a = -1j * W0 * c + z1
+        x0 = ((y + leg) * 400 - y * house) / (a - y - leg)
+        V = 400 + x0
+        load = complex(10e-3, -2e-3) * house + complex(1, -0.5) * house / abs(house)
+        return V, y * (V - house) - leg * house - load
+
+    def residual(x: numpy.ndarray) -> tuple[float, float]:
+        E = out(complex(*x))[1]
+        return E.real, E.imag
+
+    house = complex(*fsolve(residual, [390.0, 0.0], xtol=1e-13))
+    assert abs(rest.voltages["house"] - house) < 1e-6
+    assert abs(rest.voltages["inverter"] - out(house)[0]) < 1e-6
+
+
 def test_islands_are_told_apart() -> None:
     nodes = {"a": dgu(), "b": {"load": [zip_load()]}, "c": dgu("1.05 pu"), "d": {"load": [zip_load()]}, "e": {}}
     certificate = prove(network(nodes, "ab", "cd", "ce", "de"))

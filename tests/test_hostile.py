@@ -270,4 +270,4 @@ def test_output_that_cannot_show_a_name(tmp_path: Path) -> None:
             capture_output=True,
             check=False,
         )
-        assert done.returncode == 3, done.stderr  # conditional: nothing says where such a loop rests
+        assert done.returncode == 0, done.stderr

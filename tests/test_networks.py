@@ -94,7 +94,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
     "a hidden oscillation": (
         network({"a": {"dgu": dgu("hidden oscillator")}, "b": {"dgu": dgu(), "load": [STRICT]}}, "ab"), "unknown"),
     "a hidden mode that decays": (
-        network({"a": {"dgu": dgu("hidden damped mode")}, "b": {"dgu": dgu(), "load": [STRICT]}}, "ab"), "conditional"),
+        network({"a": {"dgu": dgu("hidden damped mode")}, "b": {"dgu": dgu(), "load": [STRICT]}}, "ab"), "certified"),
     "all controllers, an index, all loads, a junction": (network({
         "a": {"dgu": dgu(), "load": [REACTIVE]}, "b": {"dgu": dgu("wrong inductance")}, "c": {"dgu": dgu("held")},
         "d": {"load": [CONSTANT_CURRENT]}, "e": {}, "f": {"dgu": dgu("phs", "lossless"), "load": [BRANCH]},

@@ -271,7 +271,7 @@ def grid_assumptions(grid: Microgrid) -> dict[str, str]:
     if not grid.line_legs_at_dgus:
         ledger["line-legs"] = "the capacitance of the lines at nodes with a DGU is neglected, as the spec asks"
     if own := [node.name for node in grid.nodes if node.dgu and isinstance(node.dgu.controller, LinearLoop)]:
-        text = "z is the voltage of the node and d the current into it; what is at rest whatever d is the reference"
+        text = "z is the voltage of the node and d the current into it; at rest without d it is the reference"
         ledger["linear-loop"] = f"{text}: nodes {', '.join(own)}"
     if any(load.cutoff_volt is not None for node in grid.nodes for load in node.loads):
         ledger["cut-off"] = "loads with a cut-off draw, below it, the current of the impedance that they are there"

@@ -28,30 +28,32 @@ MAX_VOLTAGE_DIGITS = 80  # of the numbers of a proof, so that enclosures stay qu
 
 @dataclass(frozen=True)
 class Island:
-    """What holds an island: voltages that are given, and sources behind the impedance of a filter (THEORY 8)."""
+    """What holds an island: voltages that are given, and sources behind an admittance in siemens (THEORY 8)."""
 
     names: tuple[str, ...]
     fixed: dict[str, Pair]
-    sources: dict[str, Pair]
+    sources: dict[str, tuple[Pair, Ball]]
     free: tuple[str, ...]
 
 
 def regulates(context: Context, name: str) -> bool:
-    """Whether the DGU at a node is at rest only where its voltage is the reference: C F^-1 B = 0, F nonsingular.
-
-    With integral action that is: the gain of the integrators is nonsingular.
-    """
+    """Whether the DGU at a node is at rest only where its voltage is the reference: with integral action, or alike."""
     dgu = context.nodes[name].dgu
     if dgu is None or isinstance(dgu.controller, ConstantVoltage):
         return False
-    if not isinstance(dgu.controller, LinearLoop):
-        K13 = to_state_feedback(dgu.controller).K13
-        return K13 is not None and la.rank(K13, 2) == 2
-    port = context.port(name)
+    if isinstance(dgu.controller, LinearLoop):
+        return _rest_impedance(dgu.controller) == (ZERO, ZERO)
+    K13 = to_state_feedback(dgu.controller).K13
+    return K13 is not None and la.rank(K13, 2) == 2
+
+
+def _rest_impedance(loop: LinearLoop) -> Pair | None:
+    """-C F^-1 B, what a current into a linear loop at rest changes of its voltage, if that is a complex impedance."""
     try:
-        return not any(x for row in la.multiply(port.C, la.solve(port.F, port.B)) for x in row)
+        (a, b), (c, d) = la.scale(-1, la.multiply(loop.C, la.solve(loop.F, loop.B)))
     except ZeroDivisionError:
-        return False
+        return None
+    return (a, c) if (a, b) == (d, -c) else None
 
 
 def held_voltage(dgu: Dgu) -> Pair | None:
@@ -65,17 +67,20 @@ def held_voltage(dgu: Dgu) -> Pair | None:
 def describe(context: Context, names: tuple[str, ...], saturated: bool = False) -> Island:
     """What is given on an island; `saturated`: with all inverters that have limits held at them."""
     fixed: dict[str, Pair] = {}
-    sources: dict[str, Pair] = {}
+    sources: dict[str, tuple[Pair, Ball]] = {}
     for name in names:
         dgu = context.nodes[name].dgu
         if dgu is None:
             continue
         held = held_voltage(dgu) if saturated else None
-        if held is not None or isinstance(dgu.controller, ConstantVoltage):
-            sources[name] = held or dgu.reference_volt
-        else:
-            require(regulates(context, name), f"nothing makes the voltage of node {name} its reference at rest")
+        if dgu.filter and (held is not None or isinstance(dgu.controller, ConstantVoltage)):
+            sources[name] = held or dgu.reference_volt, admittance(context, dgu.filter)
+        elif regulates(context, name):
             fixed[name] = dgu.reference_volt
+        else:
+            impedance = _rest_impedance(dgu.controller) if isinstance(dgu.controller, LinearLoop) else None
+            require(impedance is not None, f"nothing says where the voltage of node {name} comes to rest")
+            sources[name] = dgu.reference_volt, ball(impedance or (ZERO, ZERO)).inverse()
     return Island(names, fixed, sources, tuple(name for name in names if name not in fixed))
 
 
@@ -96,9 +101,11 @@ def admittance(context: Context, branch: SeriesBranch | Filter) -> Ball:
     return result
 
 
-def _susceptance(context: Context, name: str) -> Ball:
-    """j w0 C of all the capacitance at a node."""
-    low, high = (context.grid.w0 * context.capacitances[sign][name] for sign in "-+")
+def susceptance(context: Context, name: str) -> Ball:
+    """j w0 C of the capacitance at a node, without what is inside a linear loop."""
+    dgu = context.nodes[name].dgu
+    inner = dgu.filter.capacitance_farad if dgu and dgu.filter and isinstance(dgu.controller, LinearLoop) else ZERO
+    low, high = (context.grid.w0 * (context.capacitances[sign][name] - inner) for sign in "-+")
     return box((ZERO, ZERO), (low, high))
 
 
@@ -237,12 +244,12 @@ def _real(factor: Pair, z: Ball) -> tuple[int, int]:
 def _shunts(context: Context, island: Island, name: str, V: Ball) -> tuple[Ball, Ball]:
     """What is at a free node besides lines: its linear admittance, and the current of all of it at V."""
     node = context.nodes[name]
-    linear = [_susceptance(context, name), *(admittance(context, branch) for branch in node.branches)]
+    linear = [susceptance(context, name), *(admittance(context, branch) for branch in node.branches)]
     current = load_current(context, name, V)
-    if name in island.sources and node.dgu and node.dgu.filter:
-        y = admittance(context, node.dgu.filter)
+    if name in island.sources:
+        u, y = island.sources[name]
         linear.append(y)
-        current = current - y * ball(island.sources[name])
+        current = current - y * ball(u)
     own = total(linear)
     return own, current + own * V
 
@@ -292,10 +299,10 @@ def flow(context: Context, island: Island, V: dict[str, Ball]) -> Flow:
         if dgu is None or dgu.filter is None or isinstance(dgu.controller, LinearLoop):
             continue
         if name in island.sources:
-            terminals[name] = ball(island.sources[name])
-            inverters[name] = admittance(context, dgu.filter) * (terminals[name] - V[name])
+            u, y = island.sources[name]
+            terminals[name], inverters[name] = ball(u), y * (ball(u) - V[name])
         else:
-            shunts = (_susceptance(context, name), *(admittance(context, b) for b in context.nodes[name].branches))
+            shunts = (susceptance(context, name), *(admittance(context, b) for b in context.nodes[name].branches))
             out = [lines[x.name] if x.start == name else NOTHING - lines[x.name] for x in context.lines_at[name]]
             inverters[name] = total([load_current(context, name, V[name]), total(shunts) * V[name], *out])
             terminals[name] = V[name] + _impedance(context, dgu.filter) * inverters[name]
@@ -324,17 +331,20 @@ def beyond_limits(context: Context, island: Island, flow: Flow) -> dict[str, boo
 def is_only_one(context: Context, island: Island) -> bool:
     """Whether no other equilibrium has all load voltages in their bands (given the claims on the loads).
 
-    The difference of two is V~ with 0 = sum Re <V~, y V~> + <V~, I_load~>, of terms that are not negative; lines and
-    filters have R > 0, so V~ is the same at all nodes, and it is zero where it is given or a source is.
+    The difference of two is V~ with 0 = sum Re <V~, y V~> + <V~, I_load~>, of terms that are not negative; lines have
+    R > 0, so V~ is the same at all nodes, and it is zero where it is given or a source has Re y > 0.
     """
-    held = bool(island.fixed) or any(_source_resistance(context, name) > 0 for name in island.sources)
+    sources = [island.sources[name][1] for name in island.sources]
+    held = bool(island.fixed) or any(y.x > y.r for y in sources)
     loaded = (name for name in island.free if context.nodes[name].has_static_load)
-    return held and all(context.status.get(f"load/{name}") == "proved" for name in loaded)
+    passive = all(y.x > y.r or _is_lossless(context, name) for name, (_, y) in island.sources.items())
+    return held and passive and all(context.status.get(f"load/{name}") == "proved" for name in loaded)
 
 
-def _source_resistance(context: Context, name: str) -> Fraction:
+def _is_lossless(context: Context, name: str) -> bool:
+    """Whether a source is a filter without resistance: Re y = 0, which enclosures do not tell."""
     dgu = context.nodes[name].dgu
-    return dgu.filter.resistance_ohm * (1 - dgu.filter.tolerance[0]) if dgu and dgu.filter else ZERO
+    return dgu is not None and not isinstance(dgu.controller, LinearLoop) and dgu.filter is not None
 
 
 # --- handlers -----------------------------------------------------------------------------------------------------

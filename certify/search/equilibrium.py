@@ -11,9 +11,10 @@ from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
+from certify.kernel.balls import centre
 from certify.kernel.claims import Context
 from certify.kernel.currents import derivative, evaluate
-from certify.kernel.equilibrium import Island, describe, is_only_one, regulates
+from certify.kernel.equilibrium import Island, describe, is_only_one, regulates, susceptance
 from certify.kernel.errors import RuleFailure
 from certify.kernel.model import Pieces
 from certify.search.proposal import Proposal, to_text
@@ -47,14 +48,14 @@ class Network:
         self.loads: list[Load | None] = []
         for name, k in self.index.items():
             node = context.nodes[name]
-            capacitance = (context.capacitances["-"][name] + context.capacitances["+"][name]) / 2
-            shunt = 1j * w0 * float(capacitance)
+            shunt = complex(*map(float, centre(susceptance(context, name))))
             for branch in node.branches:
                 shunt += 1 / complex(float(branch.resistance_ohm), w0 * float(branch.inductance_henry))
-            if name in island.sources and node.dgu and node.dgu.filter:
-                y = 1 / complex(float(node.dgu.filter.resistance_ohm), w0 * float(node.dgu.filter.inductance_henry))
+            if name in island.sources:
+                u, source = island.sources[name]
+                y = complex(*map(float, centre(source)))
                 shunt += y
-                self.constant[k] -= y * complex(*map(float, island.sources[name]))
+                self.constant[k] -= y * complex(*map(float, u))
             self.shunts[k] = shunt
             self.diagonal[k] += shunt
             for line in context.lines_at[name]:
@@ -210,7 +211,7 @@ def _solve_sparse(
 
 def find_equilibrium(network: Network) -> list[complex] | None:
     """The voltages of the free nodes, from those without loads; if need be loads are switched on little by little."""
-    held = [*network.fixed.values(), *(complex(*map(float, V)) for V in network.island.sources.values())]
+    held = [*network.fixed.values(), *(complex(*map(float, V)) for V, _ in network.island.sources.values())]
     start = _newton(network, [sum(held) / len(held)] * len(network.index), 0.0)
     if start is None:
         return None
