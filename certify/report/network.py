@@ -93,7 +93,7 @@ def summary(verdict: Verdict, notes: dict[str, str]) -> list[str]:
 def tell_rest(rest: Rest) -> str:
     """Where an island rests, in one line."""
     only = "no other one in the bands" if rest.only_one else "others are not excluded"
-    text = f"proved to within {rest.radius:.2g} V, {only}"
+    text = f"proved {_precision(rest)}, {only}"
     sizes = {name: abs(V) for name, V in rest.voltages.items()}
     low, high = min(sizes, key=sizes.__getitem__), max(sizes, key=sizes.__getitem__)
     text += f"; |V| {'from ' if low != high else ''}{sizes[low]:.6g} V (node {low})"
@@ -102,6 +102,10 @@ def tell_rest(rest: Rest) -> str:
         line = max(rest.lines, key=lambda name: abs(rest.lines[name]))
         text += f"; up to {abs(rest.lines[line]):.6g} A (line {line})"
     return text
+
+
+def _precision(rest: Rest) -> str:
+    return f"to within {rest.radius:.2g} V" if rest.radius else "exactly"
 
 
 def tell_region(region: Region) -> str:
@@ -194,7 +198,7 @@ def _tell_island(where: str, equilibrium: Claim, region: Claim) -> list[str]:
         return [f"{where} {known}."]
     rest = read_rest(equilibrium)
     only = "the only equilibrium with all loads in their bands" if rest.only_one else "an equilibrium, alone near by"
-    lines = [f"{where} rests here, to within {rest.radius:.2g} V ({only}):"]
+    lines = [f"{where} rests here, {_precision(rest)} ({only}):"]
     reach = read_region(region) if region.status in ("proved", "conditional") else None
     rows: list[tuple[str, ...]] = [("node", "|V|", "angle", "may be off by, alone")]
     for name, V in sorted(rest.voltages.items(), key=lambda entry: abs(entry[1]))[:SHOWN_NODES]:
