@@ -182,6 +182,8 @@ def strong_monotonicity(context: Context, island: Island, data: Data) -> tuple[d
     factor, rho, volts, weights, sizes = _read(island, data)
     length = ball(factor).largest()
     V = {name: ball(x) for name, x in (island.fixed | volts).items()}
+    for name in island.fixed:
+        _require_inside(context, name, V[name])
     near = {name: V[name].widened(upper(rho * sizes[name])) for name in island.free}
     residual, mu = ZERO, None
     for name in island.free:
@@ -344,8 +346,6 @@ def equilibrium(saturated: bool, context: Context, names: tuple[str, ...], data:
     """The handler of `strong-monotonicity`; `saturated`: for the claim with all limited inverters at their limits."""
     island = describe(context, names, saturated)
     V, radius = strong_monotonicity(context, island, data)
-    for name in island.fixed:
-        _require_inside(context, name, V[name])
     found = flow(context, island, V)
     if not saturated:
         near = [name for name, beyond in beyond_limits(context, island, found).items() if beyond is not False]
