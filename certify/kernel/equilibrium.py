@@ -71,6 +71,8 @@ def describe(context: Context, names: tuple[str, ...], saturated: bool = False) 
         if dgu is None:
             continue
         held = held_voltage(dgu) if saturated else None
+        known = held is not None or not saturated or dgu.limits_volt is None
+        require(known, f"the DGU at node {name} has limits, but it is not known what its linear loop does at them")
         if held is not None or isinstance(dgu.controller, ConstantVoltage):
             sources[name] = held or dgu.reference_volt
         else:
