@@ -23,6 +23,7 @@ from certify.kernel.powers import PRECISIONS, Interval
 from certify.kernel.reader import Pair
 from certify.kernel.spec import ConstantVoltage, Dgu, Filter, LinearLoop, SeriesBranch
 
+MAX_SIZE = Fraction(10) ** 60  # of any number of a proof
 MAX_VOLTAGE_DIGITS = 80  # of the numbers of a proof, so that enclosures stay quick
 
 
@@ -219,6 +220,8 @@ def _read(island: Island, data: Data) -> tuple[Pair, Fraction, dict[str, Pair], 
     require(data.size() <= MAX_VOLTAGE_DIGITS * (4 * len(island.free) + 10), "the numbers have too many digits")
     factor, rho = parts[0].vector(), parts[1].scalar()
     volts, weights = ([x.vector() for x in part.items()] for part in parts[2:])
+    sane = all(abs(x) <= MAX_SIZE for part in ((rho,), factor, *volts, *weights) for x in part)
+    require(sane, "a number of the proof is absurdly large")
     require(len(factor) == 2 and any(factor) and rho > 0, "the factor or the radius is zero")
     require(len(volts) == len(weights) == len(island.free), "not one voltage and one weight for each free node")
     require(all(len(x) == 2 for x in (*volts, *weights)), "a voltage has two components, a weight has a size")
