@@ -188,7 +188,7 @@ def strong_monotonicity(context: Context, island: Island, data: Data) -> tuple[d
     for name in island.fixed:
         _require_inside(context, name, V[name])
     near = {name: V[name].widened(upper(rho * sizes[name])) for name in island.free}
-    residual, mu = ZERO, None
+    residual, mu = 0, None  # |f d E|^2 in units squared
     for name in island.free:
         _require_inside(context, name, near[name])
         own, current = _shunts(context, island, name, V[name])
@@ -202,13 +202,13 @@ def strong_monotonicity(context: Context, island: Island, data: Data) -> tuple[d
             require(low >= 0 or other in island.fixed, f"the factor makes line {line.name} an active one")
             step = weights[name] - weights.get(other, 0)
             row += min(low * step, high * step)
-        residual += (sizes[name] * ((current.largest() * length >> BITS) + 1)) ** 2
+        residual += (sizes[name] * ((current.largest() * length >> BITS) + 1)).__ceil__() ** 2
         least = sizes[name] ** 2 * (row // weights[name])
         mu = least if mu is None else min(mu, least)
     if mu is None:
         return V, ZERO
     require(mu > 0, "the equations are not shown to be strongly monotone around these voltages")
-    radius = value(upper((isqrt(residual.__ceil__()) + 1) / mu))
+    radius = value(upper((isqrt(residual) + 1) / mu))
     require(radius <= rho, "the voltages are too far from an equilibrium for what is shown")
     exact = {name: V[name].widened(upper(radius * sizes[name])) for name in island.free}
     return V | exact, radius * max(sizes.values())
