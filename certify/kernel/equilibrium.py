@@ -206,12 +206,12 @@ def strong_monotonicity(context: Context, island: Island, data: Data) -> tuple[d
         least = sizes[name] ** 2 * (row // weights[name])
         mu = least if mu is None else min(mu, least)
     if mu is None:
-        return V, ZERO
+        return V, value(max(z.r for z in V.values()))
     require(mu > 0, "the equations are not shown to be strongly monotone around these voltages")
     radius = value(upper((isqrt(residual) + 1) / mu))
     require(radius <= rho, "the voltages are too far from an equilibrium for what is shown")
     exact = {name: V[name].widened(upper(radius * sizes[name])) for name in island.free}
-    return V | exact, radius * max(sizes.values())
+    return V | exact, value(max(z.r for z in exact.values()))
 
 
 def _read(island: Island, data: Data) -> tuple[Pair, Fraction, dict[str, Pair], dict[str, int], dict[str, Fraction]]:
