@@ -113,10 +113,10 @@ def sublevel_set(status: str, context: Context, names: tuple[str, ...], data: Da
         return (("global", Fraction(1), ""),)
     level, what, volts = min(bounds)
     facts: list[Fact] = [("level c of the storage", level, "J"), (f"limited by {what}", volts, "V")]
-    facts += ((f"reach at node {name}", _root(2 * level * per_joule[name]), "V") for name in names)
+    facts += ((f"reach at node {name}", _root(2 * level * per_joule[name], up=True), "V") for name in names)
     for name in names:
         for line in context.lines_at[name]:
             if line.start == name:
                 least = line.branch.inductance_henry * (1 - line.branch.tolerance[1])
-                facts.append((f"reach in line {line.name}", _root(2 * level / least), "A"))
+                facts.append((f"reach in line {line.name}", _root(2 * level / least, up=True), "A"))
     return tuple(facts)
