@@ -20,6 +20,8 @@ from certify.kernel.linalg import ZERO, Matrix, multiply, solve, transpose
 from certify.kernel.model import feedback, law_at, law_corners
 from certify.kernel.spec import ConstantVoltage, LinearLoop
 
+MAX_PAIRS = 20_000  # of terms of a load law times corners: beyond, the end of its band is taken as a bound
+
 
 def reach(context: Context, mode: Mode, rows: Matrix = ()) -> Fraction:
     """An upper bound of |K x~|^2 / (x~' P x~) over all corners of the tolerances, K being these rows or that of z.
@@ -67,7 +69,10 @@ def _goes_on(context: Context, name: str, upward: bool) -> bool:
         return False  # the load makes up for a shortage by its modulus, which is that on the band
 
     def holds() -> bool:
-        return all(loads.is_monotone_beyond(law_at(law, signs), band[upward], upward) for signs in law_corners(law))
+        corners = law_corners(law)
+        if len(corners) * (len(law.active) ** 2 + len(law.reactive) ** 2) > MAX_PAIRS:
+            return False
+        return all(loads.is_monotone_beyond(law_at(law, signs), band[upward], upward) for signs in corners)
 
     found: bool = context.once(("beyond", band, law, upward), holds)
     return found
