@@ -18,6 +18,7 @@ from certify.kernel.equilibrium import margin
 from certify.kernel.errors import require
 from certify.kernel.linalg import ZERO, Matrix, multiply, solve, transpose
 from certify.kernel.model import feedback, law_at, law_corners
+from certify.kernel.rules import lowered
 from certify.kernel.spec import ConstantVoltage, LinearLoop
 
 MAX_PAIRS = 20_000  # of terms of a load law times corners: beyond, the end of its band is taken as a bound
@@ -37,7 +38,7 @@ def reach(context: Context, mode: Mode, rows: Matrix = ()) -> Fraction:
             continue
         W = multiply(K, solve(P, transpose(K)))
         a, d, b = W[0][0], W[-1][-1], W[0][-1] if len(W) > 1 else ZERO
-        largest = max(largest, (a + d) / 2 + _root(((a - d) / 2) ** 2 + b * b, up=True))
+        largest = max(largest, -lowered(-(a + d) / 2 - _root(((a - d) / 2) ** 2 + b * b, up=True)))
     return largest
 
 
