@@ -293,7 +293,11 @@ def assumptions(context: Context) -> list[dict[str, str]]:
             ledger[f"equilibrium/{name}"] = (
                 f"{where} an equilibrium exists, as it is claimed: neither proved nor refuted"
             )
-        elif context.status[f"region/{name}"] == "unknown" and context.status[f"invariant-set/{name}"] != "unknown":
+        elif (
+            context.status[f"equilibrium/{name}"] == "proved"
+            and context.status[f"region/{name}"] == "unknown"
+            and context.status[f"invariant-set/{name}"] != "unknown"
+        ):
             ledger[f"region/{name}"] = f"{where} the motion starts near enough to the equilibrium: no level is proved"
     return [{"name": name, "statement": text} for name, text in ledger.items()]
 

@@ -23,6 +23,7 @@ from certify.kernel.powers import PRECISIONS, Interval
 from certify.kernel.reader import Pair
 from certify.kernel.spec import ConstantVoltage, Dgu, Filter, LinearLoop, SeriesBranch
 
+MAX_SIZE = Fraction(10) ** 60  # of any number of a proof
 MAX_VOLTAGE_DIGITS = 80  # of the numbers of a proof, so that enclosures stay quick
 
 
@@ -42,18 +43,23 @@ def regulates(context: Context, name: str) -> bool:
     if dgu is None or isinstance(dgu.controller, ConstantVoltage):
         return False
     if isinstance(dgu.controller, LinearLoop):
-        return _rest_impedance(dgu.controller) == (ZERO, ZERO)
+        return _rest_impedance(context, dgu.controller) == (ZERO, ZERO)
     K13 = to_state_feedback(dgu.controller).K13
     return K13 is not None and la.rank(K13, 2) == 2
 
 
-def _rest_impedance(loop: LinearLoop) -> Pair | None:
+def _rest_impedance(context: Context, loop: LinearLoop) -> Pair | None:
     """-C F^-1 B, what a current into a linear loop at rest changes of its voltage, if that is a complex impedance."""
-    try:
-        (a, b), (c, d) = la.scale(-1, la.multiply(loop.C, la.solve(loop.F, loop.B)))
-    except ZeroDivisionError:
-        return None
-    return (a, c) if (a, b) == (d, -c) else None
+
+    def solved() -> Pair | None:
+        try:
+            (a, b), (c, d) = la.scale(-1, la.multiply(loop.C, la.solve(loop.F, loop.B)))
+        except ZeroDivisionError:
+            return None
+        return (a, c) if (a, b) == (d, -c) else None
+
+    impedance: Pair | None = context.once(("rest", loop), solved)
+    return impedance
 
 
 def held_voltage(dgu: Dgu) -> Pair | None:
@@ -73,12 +79,15 @@ def describe(context: Context, names: tuple[str, ...], saturated: bool = False) 
         if dgu is None:
             continue
         held = held_voltage(dgu) if saturated else None
+        known = held is not None or not saturated or dgu.limits_volt is None
+        require(known, f"the DGU at node {name} has limits, but it is not known what its linear loop does at them")
         if dgu.filter and (held is not None or isinstance(dgu.controller, ConstantVoltage)):
             sources[name] = held or dgu.reference_volt, admittance(context, dgu.filter)
         elif regulates(context, name):
             fixed[name] = dgu.reference_volt
         else:
-            impedance = _rest_impedance(dgu.controller) if isinstance(dgu.controller, LinearLoop) else None
+            loop = dgu.controller
+            impedance = _rest_impedance(context, loop) if isinstance(loop, LinearLoop) else None
             require(impedance is not None, f"nothing says where the voltage of node {name} comes to rest")
             sources[name] = dgu.reference_volt, ball(impedance or (ZERO, ZERO)).inverse()
     return Island(names, fixed, sources, tuple(name for name in names if name not in fixed))
@@ -189,8 +198,10 @@ def strong_monotonicity(context: Context, island: Island, data: Data) -> tuple[d
     factor, rho, volts, weights, sizes = _read(island, data)
     length = ball(factor).largest()
     V = {name: ball(x) for name, x in (island.fixed | volts).items()}
+    for name in island.fixed:
+        _require_inside(context, name, V[name])
     near = {name: V[name].widened(upper(rho * sizes[name])) for name in island.free}
-    residual, mu = ZERO, None
+    residual, mu = 0, None  # |f d E|^2 in units squared
     for name in island.free:
         _require_inside(context, name, near[name])
         own, current = _shunts(context, island, name, V[name])
@@ -204,13 +215,13 @@ def strong_monotonicity(context: Context, island: Island, data: Data) -> tuple[d
             require(low >= 0 or other in island.fixed, f"the factor makes line {line.name} an active one")
             step = weights[name] - weights.get(other, 0)
             row += min(low * step, high * step)
-        residual += (sizes[name] * ((current.largest() * length >> BITS) + 1)) ** 2
+        residual += (sizes[name] * ((current.largest() * length >> BITS) + 1)).__ceil__() ** 2
         least = sizes[name] ** 2 * (row // weights[name])
         mu = least if mu is None else min(mu, least)
     if mu is None:
-        return V, ZERO
+        return V, value(max(z.r for z in V.values()))
     require(mu > 0, "the equations are not shown to be strongly monotone around these voltages")
-    radius = value(upper((isqrt(residual.__ceil__()) + 1) / mu))
+    radius = value(upper((isqrt(residual) + 1) / mu))
     require(radius <= rho, "the voltages are too far from an equilibrium for what is shown")
     exact = {name: V[name].widened(upper(radius * sizes[name])) for name in island.free}
     return V | exact, value(max(z.r for z in exact.values()))
@@ -222,6 +233,8 @@ def _read(island: Island, data: Data) -> tuple[Pair, Fraction, dict[str, Pair], 
     require(data.size() <= MAX_VOLTAGE_DIGITS * (4 * len(island.free) + 10), "the numbers have too many digits")
     factor, rho = parts[0].vector(), parts[1].scalar()
     volts, weights = ([x.vector() for x in part.items()] for part in parts[2:])
+    sane = all(abs(x) <= MAX_SIZE for part in ((rho,), factor, *volts, *weights) for x in part)
+    require(sane, "a number of the proof is absurdly large")
     require(len(factor) == 2 and any(factor) and rho > 0, "the factor or the radius is zero")
     require(len(volts) == len(weights) == len(island.free), "not one voltage and one weight for each free node")
     require(all(len(x) == 2 for x in (*volts, *weights)), "a voltage has two components, a weight has a size")
@@ -360,8 +373,6 @@ def equilibrium(
     island = describe(context, names, saturated)
     require(not only_one or is_only_one(context, island), "other equilibria are not excluded")
     V, radius = strong_monotonicity(context, island, data)
-    for name in island.fixed:
-        _require_inside(context, name, V[name])
     found = flow(context, island, V)
     if not saturated:
         near = [name for name, beyond in beyond_limits(context, island, found).items() if beyond is not False]

@@ -312,7 +312,7 @@ def is_monotone_beyond(law: LoadLaw, v: Fraction, upward: bool) -> bool:
     taken from the largest exponent down (Abel's summation); below v from the smallest exponent up.
     """
     if is_constant_admittance(law):
-        return sum((t.coefficient for t in law.active), Fraction(0)) >= 0
+        return sum((t.coefficient / t.base_volt**2 for t in law.active), Fraction(0)) >= 0
     if not v or (not upward and any(t.exponent <= 1 for t in (*law.active, *law.reactive))):
         return False
     active, reactive = (admittances(terms, v, PRECISIONS[0]) for terms in (law.active, law.reactive))

@@ -169,7 +169,7 @@ def feedback(law: IdaPbc | StateFeedback | ConstantVoltage, held: str = "") -> t
     gains = to_state_feedback(law)
     parts = (gains.K11, gains.K12, gains.K13 or zeros(2, 0))
     rows = [[ZERO if "dq"[i] in held else x for part in parts for x in part[i]] for i in (0, 1)]
-    axes = tuple(k for k in range(len(rows[0]) - 4) if "dq"[k] not in held or any(row[4 + k] for row in rows))
+    axes = tuple(k for k in range(len(rows[0]) - 4) if not held or any(row[4 + k] for row in rows))
     return tuple((*row[:4], *(row[4 + k] for k in axes)) for row in rows), axes
 
 

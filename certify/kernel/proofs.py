@@ -16,6 +16,7 @@ from certify.kernel.model import LinearPort, at_corner, incidence
 from certify.kernel.spec import Filter, SeriesBranch
 
 HOLDS = ("proved", "conditional")
+MAX_FACT_BITS = 4_096
 MAX_STORAGE_WORK = 40_000  # characters of a storage matrix times the corners of a box of tolerances
 
 
@@ -28,6 +29,11 @@ def _branch(_: Context, branch: SeriesBranch, data: Data) -> tuple[Fact, ...]:
     data.fields()
     rules.series_branch(least_resistance(branch), branch.inductance_henry * (1 - branch.tolerance[1]))
     return (("dissipation per squared current", least_resistance(branch), "ohm"),)
+
+
+def _short(x: Fraction) -> Fraction:
+    """A pivot for people to read, rounded down if it is so long that it could hardly be printed."""
+    return x if x.numerator.bit_length() + x.denominator.bit_length() <= MAX_FACT_BITS else rules.lowered(x)
 
 
 def full_storage(port: LinearPort, given: Matrix) -> Matrix:
@@ -47,9 +53,10 @@ def _storage(context: Context, name: Mode, data: Data) -> tuple[Fact, ...]:
     P: Matrix = context.once(("P", key), lambda: full_storage(port, part.matrix()))
     found: rules.Storage = context.once(key, lambda: rules.quadratic_storage(port, P))
     context.storages[name], context.forms[name] = (key, port, found.M), ((port, P),)
-    facts = [("smallest pivot of the storage matrix", min(found.storage_pivots), "")]
+    facts = [("smallest pivot of the storage matrix", _short(min(found.storage_pivots)), "")]
     damped = [p for p in found.dissipation_pivots if p]
-    facts.append((f"dissipation matrix of rank {len(damped)}, smallest pivot", min(damped, default=Fraction(0)), ""))
+    least = _short(min(damped, default=Fraction(0)))
+    facts.append((f"dissipation matrix of rank {len(damped)}, smallest pivot", least, ""))
     return tuple(facts)
 
 
@@ -87,7 +94,7 @@ def _index(context: Context, name: Mode, data: Data) -> tuple[Fact, ...]:
         facts.append(("no shortage is enough below", least, "ohm"))
     if len(found) > 1:
         facts.append(("corners of the box of tolerances", Fraction(len(found)), ""))
-    smallest = min(min(storage.dissipation_pivots) for storage in found)
+    smallest = _short(min(min(storage.dissipation_pivots) for storage in found))
     return (*facts, ("smallest pivot of the dissipation matrix", smallest, ""))
 
 

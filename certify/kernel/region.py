@@ -18,7 +18,10 @@ from certify.kernel.equilibrium import margin
 from certify.kernel.errors import require
 from certify.kernel.linalg import ZERO, Matrix, multiply, solve, transpose
 from certify.kernel.model import feedback, law_at, law_corners
+from certify.kernel.rules import lowered
 from certify.kernel.spec import ConstantVoltage, LinearLoop
+
+MAX_PAIRS = 20_000  # of terms of a load law times corners: beyond, the end of its band is taken as a bound
 
 
 def reach(context: Context, mode: Mode, rows: Matrix = ()) -> Fraction:
@@ -35,7 +38,7 @@ def reach(context: Context, mode: Mode, rows: Matrix = ()) -> Fraction:
             continue
         W = multiply(K, solve(P, transpose(K)))
         a, d, b = W[0][0], W[-1][-1], W[0][-1] if len(W) > 1 else ZERO
-        largest = max(largest, (a + d) / 2 + _root(((a - d) / 2) ** 2 + b * b, up=True))
+        largest = max(largest, -lowered(-(a + d) / 2 - _root(((a - d) / 2) ** 2 + b * b, up=True)))
     return largest
 
 
@@ -70,7 +73,10 @@ def _ends(context: Context, name: str, upward: bool) -> bool:
         return True  # the load makes up for a shortage by its modulus, which is that on the band
 
     def holds() -> bool:
-        return all(loads.is_monotone_beyond(law_at(law, signs), band[upward], upward) for signs in law_corners(law))
+        corners = law_corners(law)
+        if len(corners) * (len(law.active) ** 2 + len(law.reactive) ** 2) > MAX_PAIRS:
+            return False
+        return all(loads.is_monotone_beyond(law_at(law, signs), band[upward], upward) for signs in corners)
 
     return not context.once(("beyond", band, law, upward), holds)
 
@@ -117,10 +123,10 @@ def sublevel_set(status: str, context: Context, names: tuple[str, ...], data: Da
         return (("global", Fraction(1), ""),)
     level, what, volts, _ = least
     facts: list[Fact] = [("level c of the storage", level, "J"), (f"limited by {what}", volts, "V")]
-    facts += ((f"reach at node {name}", _root(2 * level * per_joule[name]), "V") for name in names)
+    facts += ((f"reach at node {name}", _root(2 * level * per_joule[name], up=True), "V") for name in names)
     for name in names:
         for line in context.lines_at[name]:
             if line.start == name:
                 henry = line.branch.inductance_henry * (1 - line.branch.tolerance[1])
-                facts.append((f"reach in line {line.name}", _root(2 * level / henry), "A"))
+                facts.append((f"reach in line {line.name}", _root(2 * level / henry, up=True), "A"))
     return tuple(facts)

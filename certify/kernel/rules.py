@@ -204,14 +204,14 @@ def covered_shortages(edges: Sequence[tuple[Fraction, tuple[str, ...]]], shortag
     def couple(a: str, b: str, x: Fraction) -> None:
         """Add x to the entry at (a, b), rounded down: that is made good by lowering both diagonal entries as much."""
         exact = beside[a].get(b, Fraction(0)) + x
-        kept = _lowered(exact)
+        kept = lowered(exact)
         beside[a][b] = beside[b][a] = kept
         for node in (a, b):
             diagonal[node] -= exact - kept
 
     for R, nodes in ends:
         for node in nodes:
-            diagonal[node] = _lowered(diagonal[node] - 1 / R)
+            diagonal[node] = lowered(diagonal[node] - 1 / R)
         if len(nodes) == 2:
             couple(nodes[0], nodes[1], 1 / R)
     work = 0
@@ -221,7 +221,7 @@ def covered_shortages(edges: Sequence[tuple[Fraction, tuple[str, ...]]], shortag
         count, node = heappop(heap)
         if node not in beside or count != len(beside[node]):
             continue
-        row, pivot = beside.pop(node), _lowered(diagonal[node])
+        row, pivot = beside.pop(node), lowered(diagonal[node])
         require(pivot > 0, f"the lines do not make up for the shortage of the DGUs (at node {node})")
         work += len(row) ** 2
         require(work <= MAX_FILL, "too many lines between DGUs with a shortage to decide whether they make up for it")
@@ -236,7 +236,7 @@ def covered_shortages(edges: Sequence[tuple[Fraction, tuple[str, ...]]], shortag
     return la.ONE
 
 
-def _lowered(x: Fraction, bits: int = 96) -> Fraction:
+def lowered(x: Fraction, bits: int = 96) -> Fraction:
     """x rounded down to about so many bits."""
     shift = bits - x.numerator.bit_length() + x.denominator.bit_length()
     unit = Fraction(2) ** shift

@@ -10,6 +10,7 @@ from certify.kernel.claims import Claim, Verdict
 from certify.report.layout import table
 
 SHOWN_NODES = 24
+ROUNDING = 1e-40  # volt: what the units of the kernel's enclosures leave where no node is free
 SHOWN = 6  # islands, nodes or DGUs listed one by one
 
 
@@ -105,7 +106,7 @@ def tell_rest(rest: Rest) -> str:
 
 
 def _precision(rest: Rest) -> str:
-    return f"to within {rest.radius:.2g} V" if rest.radius else "exactly"
+    return f"to within {rest.radius:.2g} V" if rest.radius > ROUNDING else "exactly"
 
 
 def tell_region(region: Region) -> str:
