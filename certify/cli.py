@@ -78,6 +78,9 @@ def run_prove(options: argparse.Namespace) -> int:
     if options.scenario is not None:
         from certify.report.scenario import run
 
+        if options.reuse is not None:
+            reason = "does not go with --scenario, whose phases are proved from nothing"
+            return _bad_input(options, (Fault("U001", "--reuse", reason),))
         return _designed(options, partial(run, worst=WORST_FIRST))
     output = Path(options.output) if options.output is not None else None
     if output is not None:

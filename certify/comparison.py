@@ -25,6 +25,7 @@ CHANGES = {
     "gained": "did not hold before, and does now",
     "open": "does not hold, as before",
 }
+NOISE = 1e-9  # of the largest voltage or current there is: what changes less has not moved, equilibria are enclosures
 _FACT = re.compile(r"(voltage at node|current in line) (.+), ([dq])", re.DOTALL)
 
 
@@ -86,7 +87,9 @@ def compare(grids: tuple[Microgrid, Microgrid], verdicts: tuple[Verdict, Verdict
     kinds = [kind for kind, name in new if (kind, name) in old]
 
     def farthest(kind: str) -> tuple[Moved, ...]:
-        found = [x for x, of in zip(moved, kinds, strict=True) if of == kind and x.size > 0]
+        there = [x for x, of in zip(moved, kinds, strict=True) if of == kind]
+        least = NOISE * max((abs(side) for x in there for side in (x.before, x.after)), default=0.0)
+        found = [x for x in there if x.size > least]
         return tuple(sorted(found, key=lambda x: -x.size)[:most])
 
     return Comparison(tuple(changes), farthest("voltage at node"), farthest("current in line"))
@@ -96,9 +99,9 @@ def contents(grid: Microgrid) -> dict[str, Hashable]:
     """For each claim all that its subject depends on, so that equal content means that the same is claimed."""
     context = Context(grid)
     found: dict[str, Hashable] = {}
-    for name, (subject, _) in statements(context).items():
-        # The last claim is about everything.
-        found[name] = tuple(found.items()) if subject[0] == "microgrid" else _content(context, *subject)
+    for name, (subject, text) in statements(context).items():
+        # That of the microgrid is about everything before it, and its text says whether it is about limits too.
+        found[name] = (text, *found.items()) if subject[0] == "microgrid" else _content(context, *subject)
     return found
 
 

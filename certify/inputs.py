@@ -9,7 +9,7 @@ from typing import Any
 
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.reader import MAX_BYTES, read_document
-from certify.kernel.spec import LinearLoop, Microgrid, decode_document
+from certify.kernel.spec import FORMAT, LinearLoop, Microgrid, decode_document
 
 
 def read(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
@@ -37,6 +37,10 @@ def decode_all(data: bytes) -> Microgrid:
     """The microgrid of a spec; faults of its scenarios are reported together with its own. Raises: SpecError."""
     document = read_document(data)
     faults: list[Fault] = []
+    given = document.get("format") if isinstance(document, dict) else None
+    if isinstance(given, str) and given.startswith("certify/certificate@"):
+        # One fault instead of one for each of its keys.
+        raise SpecError((Fault("S107", "format", f"a certificate, where a spec of {FORMAT} is expected"),))
     grid = None
     try:
         grid = decode_document(document)

@@ -174,8 +174,8 @@ def _accepted(old: bytes) -> tuple[Table, bytes]:
     except (ValueError, RecursionError, KeyError, TypeError):
         spec = None
     if spec is None:
-        least = f"{MIN_BYTES // 1000} kB"
-        raise _WholeError(f"this machine has no note that its kernel accepted that certificate (none below {least})")
+        least = f"none is made for specs below {MIN_BYTES // 1000} kB"
+        raise _WholeError(f"this machine has no note that its kernel accepted that certificate ({least})")
     if document["verdict"] != "certified" or any(entry["status"] != "proved" for entry in document["claims"]):
         raise _WholeError("not everything was proved before")
     return document, spec

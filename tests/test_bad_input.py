@@ -325,3 +325,19 @@ def test_scenario_faults_join_the_others(tmp_path: Path, capsys: pytest.CaptureF
     assert "S203" in message
     assert "scenario.x.start" in message
     assert "scenario.x.end" in message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('to = "b"', "to = 7", "7 is not a node; did you mean '7', in quotes?"),
+        ('to = "b"', f"to = 0x{'f' * 6000}", "a int is not a node; known here: "),  # too long to be written in decimal
+        ('["0.9 pu", "0.5 pu"]', '["1 pu"]', "expected a list of two values, got a list of 1"),
+    ],
+)
+def test_what_a_message_says(
+    old: str, new: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "spec.toml"
+    path.write_text(GOOD.replace("[node.d]", '[node.7]\ncapacitance = "1 uF"\n[node.d]').replace(old, new, 1))
+    assert message in failing_main(path, capsys)

@@ -59,6 +59,11 @@ REST = {"equilibrium/n0": "proved again", "region/n0": "proved again"}
         (lambda s: s["filter"]["f4"].update(R="100 mohm", L="1.8e-3"), {"dgu/n4": "proved again", **ISLAND}),
         (lambda s: s["node"]["n1"].update(load=[]), {"load/n1": "gone", **ISLAND, **REST}),
         (lambda s: s["node"]["n0"].update(load=BASE["node"]["n1"]["load"]), {"load/n0": "new", **ISLAND, **REST}),
+        (  # "every equilibrium" is then about fewer of them
+            lambda s: s["node"]["n4"]["dgu"].update(limits=["30 kV", "30 kV"]),
+            {f"mode/n4/{held}": "new" for held in ("d", "q", "dq")}
+            | {"saturated/n0": "new", "microgrid": "proved again", **REST},
+        ),
         (lambda s: s["line"][0].update(R="2 ohm"), {"line/l0": "proved again", **ISLAND, **REST}),
         (
             lambda s: s["controller"]["c6"].update(alpha=5),
@@ -147,3 +152,28 @@ def test_what_moves_most(monkeypatch: pytest.MonkeyPatch) -> None:
     shown = render_diff(options, found, certificate, certificate)
     assert "nodes whose voltage moves most:\n  7  4.24264 V  ->  4.24264 V" in shown
     assert "lines whose current changes most:\n  2 " in shown
+
+
+def test_what_is_left_of_rounding_has_not_moved(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = text(BASE)
+    certificate, grid = prove(data), decode_all(data)
+    old = {f"voltage at node {k}, {axis}": "400" for k in "abc" for axis in "dq"}
+    new = {**old, "voltage at node a, d": "400.0000000000001", "voltage at node b, d": "399"}
+    new |= {"voltage at node c, d": "410", "voltage at node c, q": "410.0000000000001"}
+    verdicts = [with_equilibrium(certificate.verdict, facts) for facts in (old, new)]
+    monkeypatch.setattr("certify.comparison.contents", lambda _: {claim.id: 0 for claim in verdicts[0].claims})
+    found = compare((grid, grid), (verdicts[0], verdicts[1]))
+    assert [x.name for x in found.voltages] == ["c", "b"]
+    shown = render_diff(type("Options", (), {"old": "a", "new": "b"})(), found, certificate, certificate)
+    assert "+14.14 V" in shown
+    assert "+0 deg" in shown
+    assert "e-1" not in shown.split("moves most")[1].split("before")[0]
+
+
+def test_a_certificate_in_place_of_a_spec_is_one_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "cert.json"
+    path.write_bytes(prove(text(BASE)).data)
+    assert main(["diff", CIGRE, str(path), "--json"]) == 2
+    (fault,) = json.loads(capsys.readouterr().out)["faults"]
+    assert (fault["code"], fault["path"]) == ("S107", "format")
+    assert "a certificate" in fault["message"]

@@ -386,6 +386,27 @@ def test_the_story_of_cigre(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert "The largest currents flow in line 16 (7425 A)" in told
 
 
+def test_a_node_called_terminal_is_no_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The level is set by the band of the load there, and by a limit only where an inverter's terminals set it."""
+    path = tmp_path / "s.json"
+    nodes = {"a": dgu(), "terminal": {"load": [zip_load()]}}
+    lines = [{"name": "a-t", "from": "a", "to": "terminal", **LINE}]
+    path.write_bytes(json.dumps({**BASE, "node": nodes, "line": lines}).encode())
+    assert main(["prove", str(path)]) == 0
+    (line,) = (row for row in capsys.readouterr().out.splitlines() if row.startswith("region: "))
+    assert "node terminal sets this level" in line
+    assert line.endswith("away from the end of its band")
+
+
+def test_a_region_that_rests_on_samples_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, certificate = tmp_path / "s.json", tmp_path / "c.json"
+    path.write_bytes(network({"a": dgu(), "b": {"load": [zip_load()]}}, "ab"))
+    assert main(["prove", str(path), "--method", "sampled", "-o", str(certificate)]) == 3
+    assert "\nregion, if what the ledger says holds: motion from H <= " in capsys.readouterr().out
+    assert main(["explain", str(certificate), str(path)]) == 3
+    assert "\nIf what is assumed below holds: It returns from every state" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("number", range(12))
 def test_random_networks_against_the_oracle(number: int) -> None:
     """A part of `campaign_equilibria.py`: small networks, planted and random, near and beyond the nose."""

@@ -214,6 +214,14 @@ REFUSED = {
         "scenario.x.event[0].load",
         "not a node with a load",
     ),
+    "two actions": (
+        GOOD,
+        'event = [{ at = 1, connect = "a", disconnect = "2" }]',
+        "S107",
+        "scenario.x.event[0]",
+        "connect and disconnect are given; expected exactly one of",
+    ),
+    "no action": (GOOD, "event = [{ at = 1 }]", "S107", "scenario.x.event[0]", "none is given; expected exactly one"),
     "after the end": (GOOD, 'event = [{ at = 8, connect = "a" }]', "S309", "scenario.x.event[0].at", "at 8 s"),
 }
 
@@ -370,6 +378,24 @@ def test_a_method_that_only_samples_makes_phases_conditional(
     told = capsys.readouterr().out
     assert told.startswith("CONDITIONAL")
     assert "within a phase, proved, if what the ledger says of sampled/b" in told
+
+
+def test_stability_is_said_of_the_phases_that_have_it_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With 100 kW instead of its impedance the load at node b is not monotone, so nothing is proved of phase 2."""
+    file = tmp_path / "spec.toml"
+    change = 'load = "b", set = { Y = [0, 0], P = ["100 kW", 0] }'
+    back = 'load = "b", set = { Y = ["10 mS", 0], P = [0, 0] }'
+    file.write_bytes(with_scenario(f"event = [{{ at = 1, {change} }}, {{ at = 2, {back} }}]"))
+    assert main(["prove", str(file), "--scenario", "x"]) == 1
+    told = capsys.readouterr().out
+    assert "phase 2, 1 s to 2 s: REFUTED" in told
+    assert "within phases 1, 3, proved: every equilibrium" in told
+    assert "within a phase" not in told
+
+
+def test_reuse_does_not_go_with_a_scenario(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["prove", CIGRE, "--scenario", "plug-in", "--reuse", "missing"]) == 2
+    assert "error[U001]: does not go with --scenario" in capsys.readouterr().err
 
 
 def test_a_rejection_in_a_later_phase_writes_nothing(

@@ -95,6 +95,8 @@ class TableReader:
     def near(self, name: object, known: Iterable[str]) -> str:
         """What was perhaps meant; only for the first faults, because comparing names costs time."""
         names = list(known)[:30]
+        if isinstance(name, int) and name.bit_length() < 64 and str(name) in names:
+            return f"did you mean '{name}', in quotes?"
         alike = isinstance(name, str) and len(self.faults) < 20
         near = difflib.get_close_matches(name[:60], names, 1) if alike else []  # type: ignore[index]
         listed = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
@@ -172,7 +174,8 @@ class TableReader:
     def pair(self, first: Reader, second: Reader) -> Reader:
         def read(raw: object, path: str) -> Pair | None:
             if not isinstance(raw, list) or len(raw) != 2:
-                self.fault("S103", path, f"expected a list of two values, got {shorten(raw)}")
+                got = f"a list of {len(raw)}" if isinstance(raw, list) else shorten(raw)
+                self.fault("S103", path, f"expected a list of two values, got {got}")
                 return None
             a, b = first(raw[0], f"{path}[0]"), second(raw[1], f"{path}[1]")
             return None if a is None or b is None else (a, b)

@@ -15,6 +15,7 @@ from certify.report.machine import verdict_to_dict
 from certify.report.text import kind_of, open_claims, paint
 
 SHOWN = 8  # claims named for each kind of change
+FINEST = 1e-9  # degrees: a smaller turn is what is left of rounding
 
 
 def report(
@@ -63,7 +64,7 @@ def _moved(title: str, moved: tuple[Moved, ...], unit: str) -> list[str]:
             "->",
             f"{abs(x.after):.6g} {unit}",
             f"{x.change:+.4g} {unit}",
-            f"{x.degrees:+.4g} deg",
+            f"{x.degrees if abs(x.degrees) > FINEST else 0.0:+.4g} deg",
         )
         for x in moved
     ]

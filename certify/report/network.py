@@ -80,8 +80,9 @@ def summary(verdict: Verdict, notes: dict[str, str]) -> list[str]:
         where = f" of the island of node {name}" if len(islands) > 1 else ""
         if claims[f"equilibrium/{name}"].facts and claims[f"equilibrium/{name}"].status == "proved":
             lines.append(f"equilibrium{where}: {tell_rest(read_rest(claims[f'equilibrium/{name}']))}")
-        if claims[f"region/{name}"].facts:
-            lines.append(f"region{where}: {tell_region(read_region(claims[f'region/{name}']))}")
+        if (region := claims[f"region/{name}"]).facts:
+            assumed = ", if what the ledger says holds" if region.status == "conditional" else ""
+            lines.append(f"region{where}{assumed}: {tell_region(read_region(region))}")
         if held := claims.get(f"saturated/{name}"):
             found = held.status == "proved"
             told = tell_rest(read_rest(held)) if found else f"not proved ({notes.get(held.id, 'P214')})"
@@ -114,7 +115,7 @@ def tell_region(region: Region) -> str:
     if region.level is None:
         return "all motion tends to it (global)"
     text = f"motion from H <= {region.level:.6g} J tends to it; {region.limit} sets this level, {region.margin:.6g} V "
-    text += "away from the limit" if "terminal" in region.limit else "away from the end of its band"
+    text += "away from the limit" if region.limit.startswith("the terminal") else "away from the end of its band"
     return text
 
 
@@ -215,7 +216,8 @@ def _tell_island(where: str, equilibrium: Claim, region: Claim) -> list[str]:
     if strong:
         told = ", ".join(f"{name} ({abs(x):.4g} A at {abs(rest.terminals[name]):.5g} V)" for name, x in strong)
         lines.append(f"Most is asked of the inverter at node {told}.")
-    lines.append(_tell_return(reach))
+    assumed = "If what is assumed below holds: " if region.status == "conditional" else ""
+    lines.append(assumed + _tell_return(reach))
     return lines
 
 
@@ -228,5 +230,4 @@ def _tell_return(reach: Region | None) -> str:
     if reach.lines:
         low, high = min(reach.lines.values()), max(reach.lines.values())
         text += f", such as one line's current off by {low:.4g} A" + (f" to {high:.4g} A" if high > low else "")
-    what = reach.limit.removeprefix("the ")
-    return f"{text}. What limits this is {what}: {reach.margin:.6g} V are left there."
+    return f"{text}. What limits this is {reach.limit}: {reach.margin:.6g} V are left there."

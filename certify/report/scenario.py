@@ -22,6 +22,7 @@ from certify.report.text import approximate, open_claims, paint, stability
 from certify.search.prove import Progress
 
 SHOWN_ISLANDS = 12
+SHOWN_PHASES = 12
 SHARES = 1000  # of a phase, for progress
 CAVEAT = (
     "H is the storage of the new phase right after its events, and c the level up to which the new phase is proved to "
@@ -105,8 +106,7 @@ def render_scenario(
         lines += ["", *_render_phase(entry, options.all, colour)]
     lines.append("")
     verdicts = [entry.certificate.verdict for entry in proved]
-    for text in dict.fromkeys(text for verdict in verdicts for text in stability(verdict)):
-        lines.append(f"within a phase, {text}")
+    lines += _proved_within(proved)
     ledger = dict.fromkeys(name for verdict in verdicts for name, _ in verdict.assumptions)
     lines.append(f"assumed, not proved: {', '.join(ledger)} (`certify explain CERT SPEC` says how, for each phase)")
     if len(proved) > 1:
@@ -115,6 +115,20 @@ def render_scenario(
         last = "" if len(names) == 1 else f" to {names[-1][1]}"
         lines += ["", f"specs and certificates: {names[0][0]}, {names[0][1]}{last} in {options.output}"]
     return "\n".join(lines)
+
+
+def _proved_within(proved: Sequence[ProvedPhase]) -> list[str]:
+    """What is said about stability, with the phases of which it is said unless that is all of them."""
+    said: dict[str, list[str]] = {}
+    for entry in proved:
+        for text in stability(entry.certificate.verdict):
+            said.setdefault(text, []).append(str(entry.phase.number))
+    lines = []
+    for text, numbers in said.items():
+        some = f"phase{'s' if len(numbers) > 1 else ''} {', '.join(numbers[:SHOWN_PHASES])}"
+        some += f" and {len(numbers) - SHOWN_PHASES} more" if len(numbers) > SHOWN_PHASES else ""
+        lines.append(f"within {'a phase' if len(numbers) == len(proved) else some}, {text}")
+    return lines
 
 
 def _render_phase(entry: ProvedPhase, every_claim: bool, colour: bool) -> list[str]:

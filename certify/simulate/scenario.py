@@ -138,7 +138,8 @@ class _ScenarioDecoder(Decoder):
     def event(self, raw: object, path: str) -> Event | None:
         actions = [key for key in ("connect", "disconnect", "load") if isinstance(raw, dict) and key in raw]
         if isinstance(raw, dict) and len(actions) != 1:
-            self.fault("S107", path, f"got {shorten(actions)}; expected one of connect, disconnect, load")
+            given = f"{' and '.join(actions)} are" if actions else "none is"
+            self.fault("S107", path, f"{given} given; expected exactly one of connect, disconnect, load")
             return None
         action = actions[0] if actions else "connect"
         schema: dict[str, tuple[Reader, Any]] = {"at": (self.unit("s", ">= 0"), REQUIRED)}
