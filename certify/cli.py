@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
+from certify.kernel.claims import BESIDE
 from certify.kernel.errors import Fault, Rejected, SpecError
 from certify.options import build_parser
 
@@ -227,7 +228,8 @@ def run_gate(options: argparse.Namespace) -> int:
         except Rejected as error:
             entry |= {"outcome": "rejected", "detail": [str(error)]}
         else:
-            open_claims = [c for c in certificate.verdict.claims if c.status != "proved"]
+            claims = (c for c in certificate.verdict.claims if c.id.split("/")[0] not in BESIDE)
+            open_claims = [c for c in claims if c.status != "proved"]
             detail = [f"{c.status} {c.id} ({c.rule or certificate.notes.get(c.id)})" for c in open_claims]
             names = [name for name, _ in certificate.verdict.assumptions if "/" in name]
             detail += [f"to pass, it needs --allow {name}" for name in names if name not in options.allow]

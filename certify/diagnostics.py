@@ -31,6 +31,9 @@ ki = 100
 dgu = { filter = "lc", controller = "phs", reference = ["20 kV", "0 V"] }
 load = [{ kind = "rl", R = "50 ohm", L = "0.1 H" }]"""
 
+# The name of a note that is evidence for people, beside the code why a claim is open.
+IN_FLOATS = "in floats"
+
 _ALL = (
     Diagnostic(
         "S000",

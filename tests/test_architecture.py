@@ -32,7 +32,7 @@ LAYERS = [
     "options",
     "cli",
 ]  # an arrow points from left to right only
-LIMIT = 2_840  # lines of code that the stability of every equilibrium rests on; "small enough to read in one sitting"
+LIMIT = 2_850  # lines of code that the stability of every equilibrium rests on; "small enough to read in one sitting"
 RESTS = {
     "balls.py",
     "equilibrium.py",

@@ -22,7 +22,7 @@ from certify.kernel.model import (
     load_pieces,
     node_capacitances,
 )
-from certify.kernel.spec import IdaPbc, Line, LinearLoop, Microgrid, Node, StateFeedback, components
+from certify.kernel.spec import ConstantVoltage, IdaPbc, Line, LinearLoop, Microgrid, Node, StateFeedback, components
 
 Fact = tuple[str, Fraction, str]
 
@@ -223,6 +223,24 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
     return claims
 
 
+def held_at_limits(context: Context, island: Iterable[str]) -> dict[str, tuple[Fraction, Fraction]]:
+    """The voltages of all inverters of an island that have limits, held at both of them as the references point.
+
+    Empty if there is none, or if a reference has a component of zero: then it does not point to a corner. Inverters
+    without feedback stay as they are; of linear loops nothing is known at their limits.
+    """
+    held = {}
+    for name in island:
+        dgu = context.nodes[name].dgu
+        if dgu is None or dgu.limits_volt is None or isinstance(dgu.controller, ConstantVoltage):
+            continue
+        if not all(dgu.reference_volt) or isinstance(dgu.controller, LinearLoop):
+            return {}
+        (d, q), limits = dgu.reference_volt, dgu.limits_volt
+        held[name] = (limits[0] if d > 0 else -limits[0], limits[1] if q > 0 else -limits[1])
+    return held
+
+
 def _island(island: tuple[str, ...]) -> str:
     return f"on the island of node {island[0]} (nodes: {len(island)})"
 
@@ -239,7 +257,7 @@ def _equilibrium_claims(context: Context, island: tuple[str, ...], box: bool) ->
     claims[f"equilibrium/{island[0]}"] = ("equilibrium", island), f"{exists} {inside}{within}"
     text = f"{where} motion from below some level of the storage stays below it and tends to the equilibrium{within}"
     claims[f"region/{island[0]}"] = ("region", island), text
-    if limited:
+    if held_at_limits(context, island):
         held = "with both axes of all inverters that have limits held at them, in the direction of the references, "
         claims[f"saturated/{island[0]}"] = ("saturated", island), f"{held}{exists} {bands}{within}"
     return claims

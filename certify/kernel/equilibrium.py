@@ -14,14 +14,14 @@ from math import isqrt
 from certify.kernel import currents, load_proofs, loads
 from certify.kernel import linalg as la
 from certify.kernel.balls import BITS, NOTHING, Ball, ball, box, centre, lower, total, upper, value
-from certify.kernel.claims import Context, Fact, Rest
+from certify.kernel.claims import Context, Fact, Rest, held_at_limits
 from certify.kernel.data import Data
 from certify.kernel.errors import require
 from certify.kernel.linalg import ZERO
 from certify.kernel.model import Pieces, PowerTerm, to_state_feedback
 from certify.kernel.powers import PRECISIONS, Interval
 from certify.kernel.reader import Pair
-from certify.kernel.spec import ConstantVoltage, Dgu, Filter, LinearLoop, SeriesBranch
+from certify.kernel.spec import ConstantVoltage, Filter, LinearLoop, SeriesBranch
 
 MAX_SIZE = Fraction(10) ** 60  # of any number of a proof
 MAX_VOLTAGE_DIGITS = 80  # of the numbers of a proof, so that enclosures stay quick
@@ -62,27 +62,17 @@ def _rest_impedance(context: Context, loop: LinearLoop) -> Pair | None:
     return impedance
 
 
-def held_voltage(dgu: Dgu) -> Pair | None:
-    """The terminal voltage of an inverter held at both limits in the direction of its reference, if it has limits."""
-    if dgu.limits_volt is None or dgu.filter is None or isinstance(dgu.controller, LinearLoop):
-        return None
-    d, q = (limit if x >= 0 else -limit for limit, x in zip(dgu.limits_volt, dgu.reference_volt, strict=True))
-    return d, q
-
-
 def describe(context: Context, names: tuple[str, ...], saturated: bool = False) -> Island:
     """What is given on an island; `saturated`: with all inverters that have limits held at them."""
     fixed: dict[str, Pair] = {}
     sources: dict[str, tuple[Pair, Ball]] = {}
+    held = held_at_limits(context, names) if saturated else {}
     for name in names:
         dgu = context.nodes[name].dgu
         if dgu is None:
             continue
-        held = held_voltage(dgu) if saturated else None
-        known = held is not None or not saturated or dgu.limits_volt is None
-        require(known, f"the DGU at node {name} has limits, but it is not known what its linear loop does at them")
-        if dgu.filter and (held is not None or isinstance(dgu.controller, ConstantVoltage)):
-            sources[name] = held or dgu.reference_volt, admittance(context, dgu.filter)
+        if dgu.filter and (name in held or isinstance(dgu.controller, ConstantVoltage)):
+            sources[name] = held.get(name, dgu.reference_volt), admittance(context, dgu.filter)
         elif regulates(context, name):
             fixed[name] = dgu.reference_volt
         else:

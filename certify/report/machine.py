@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from certify.diagnostics import IN_FLOATS
 from certify.kernel.claims import Verdict
 from certify.kernel.errors import Fault
 
@@ -21,6 +22,8 @@ def verdict_to_dict(verdict: Verdict, notes: dict[str, str]) -> dict[str, Any]:
         entry["facts"] = [{"name": name, "value": str(value), "unit": unit} for name, value, unit in claim.facts]
         if claim.id in notes:
             entry["reason"] = notes[claim.id]
+        if f"{claim.id} {IN_FLOATS}" in notes:
+            entry[IN_FLOATS] = notes[f"{claim.id} {IN_FLOATS}"]
         claims.append(entry)
     ledger = [{"name": name, "statement": text} for name, text in verdict.assumptions]
     return {"outcome": verdict.outcome, "claims": claims, "assumptions": ledger}

@@ -131,7 +131,10 @@ def tell_modes(claims: Iterable[Claim]) -> list[str]:
     if len(found) > SHOWN:
         lines.append(f"and {len(found) - SHOWN} more DGUs with limits (--all lists every claim)")
     if found:
-        lines.append("Switching between these modes, and integrators that wind up, are not covered.")
+        lines.append(
+            "The verdict does not depend on these modes; switching between them, and integrators that wind up, are"
+        )
+        lines.append("not covered.")
     return lines
 
 

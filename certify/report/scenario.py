@@ -162,7 +162,12 @@ def _render_jump(jump: Jump) -> str:
     elif jump.level_joule is None:
         text += f"unknown whether inside, because {jump.reason}"
     else:
-        share = "" if jump.share is None else f" ({approximate(100 * jump.share)} %)"
+        share = ""
+        if jump.share is not None:
+            small = jump.share < 1
+            share = (
+                f" ({approximate(100 * jump.share)} % of it)" if small else f" ({approximate(jump.share)} times that)"
+            )
         text += f"{jump.status} of c = {approximate(jump.level_joule)} J{share}"
     part, value = jump.parts[0]
     return f"{text}; most of it: {part}, {approximate(value)} J" if value else text

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
-from certify.diagnostics import DIAGNOSTICS
+from certify.diagnostics import DIAGNOSTICS, IN_FLOATS
 from certify.kernel.claims import BESIDE, Claim, Verdict
 from certify.kernel.errors import Fault
 from certify.report.layout import table
@@ -31,8 +31,8 @@ _KINDS = {
     "microgrid": "microgrid",
     "equilibrium": "equilibrium, by island",
     "region": "region of attraction, by island",
-    "mode": "DGUs at their limits",
-    "saturated": "equilibrium at the limits, by island",
+    "mode": "aside: DGUs at their limits",
+    "saturated": "aside: equilibrium at the limits",
 }
 # Claims that follow from others: if one of those is open, they are not told of by themselves.
 _PARTS = {"line", "dgu", "load", "branch", "interconnection"}
@@ -191,6 +191,8 @@ def _open_claim(claim: Claim, notes: dict[str, str], colour: bool) -> list[str]:
         lines.append("  That is evidence and no proof: the verdict rests on an assumption of the ledger.")
     elif claim.id in notes:
         lines.append(f"  {DIAGNOSTICS[notes[claim.id]].why}")
+        if detail := notes.get(f"{claim.id} {IN_FLOATS}"):
+            lines.append(f"  {IN_FLOATS}: {detail}")
         lines.append(f"  = help: {DIAGNOSTICS[notes[claim.id]].remedy}")
     return lines
 

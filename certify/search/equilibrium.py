@@ -268,7 +268,7 @@ class EquilibriumSearch:
 
     def __init__(self, context: Context, names: tuple[str, ...], saturated: bool = False) -> None:
         self.context, self.names, self.saturated = context, names, saturated
-        self.reason = "P214"
+        self.reason, self.detail = "P214", ""
 
     def proposals(self) -> Iterator[Proposal]:
         context = self.context
@@ -290,8 +290,9 @@ class EquilibriumSearch:
         if volts is None:
             self.reason = "P213"
             return
-        if any(self._outside(name, v) for name, v in zip(island.free, volts, strict=True)):
-            self.reason = "P215"
+        outside = [(name, v) for name, v in zip(island.free, volts, strict=True) if self._outside(name, v)]
+        if outside:
+            self.reason, self.detail = "P215", self._where(outside)
         limited = not self.saturated and any(
             dgu and dgu.limits_volt for dgu in (context.nodes[name].dgu for name in self.names)
         )
@@ -306,6 +307,15 @@ class EquilibriumSearch:
         shares = [s for line in self.context.lines_at[name] for s in line.branch.tolerance]
         shares += [s for part in (*node.loads, *node.branches) for s in part.tolerance]
         return any(shares) or self.context.capacitances["-"][name] != self.context.capacitances["+"][name]
+
+    def _where(self, outside: Sequence[tuple[str, complex]]) -> str:
+        """Which loads are outside their bands, and by how much."""
+        told = []
+        for name, v in outside[:3]:
+            band = self.context.nodes[name].band_volt
+            ends = f", band {float(band[0]):.6g} V to {float(band[1]):.6g} V" if band else ""
+            told.append(f"node {name} at {abs(v):.6g} V{ends}")
+        return "; ".join(told) + (f"; and {len(outside) - 3} more" if len(outside) > 3 else "")
 
     def _is_outside(self, name: str) -> bool:
         dgu = self.context.nodes[name].dgu

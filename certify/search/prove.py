@@ -7,6 +7,7 @@ from fractions import Fraction
 from itertools import chain
 from typing import Any
 
+from certify.diagnostics import IN_FLOATS
 from certify.kernel.check import proof_key
 from certify.kernel.claims import (
     Context,
@@ -87,6 +88,7 @@ class Search:
         self.accepted: dict[str, Proposal | None] = {}
         self.notes: dict[str, str] = {}
         self.reasons: dict[str, str] = {}  # why there is no equilibrium, as far as one can tell
+        self.details: dict[str, str] = {}  # and where it shows, in floats
 
     def result(self) -> dict[str, Any]:
         claims, proofs = [], {}
@@ -141,7 +143,7 @@ class Search:
         elif kind in ("equilibrium", "saturated"):
             search = EquilibriumSearch(self.context, what, kind == "saturated")
             found = self._first(kind, what, None, search.proposals)
-            self.reasons[name] = search.reason
+            self.reasons[name], self.details[name] = search.reason, search.detail
         elif kind == "region":
             status = self.context.status[f"invariant-set/{what[0]}"]
             found = self._first(
@@ -159,6 +161,8 @@ class Search:
         self.notes.pop(name, None)
         if found is None:
             self.notes[name] = self.reasons.get(name) or self._reason(self.expected[name][0])
+            if self.details.get(name):
+                self.notes[f"{name} {IN_FLOATS}"] = self.details[name]
 
     def _first(
         self,
