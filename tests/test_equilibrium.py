@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import random
 import tomllib
 from fractions import Fraction
 from pathlib import Path
@@ -414,3 +415,38 @@ def test_random_networks_against_the_oracle(number: int) -> None:
     if len(case.document["node"]) <= 30:
         for result in campaign.compare(case, 7):
             assert result.mark not in (campaign.WRONG, campaign.FAILED, campaign.ABSENT), result
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_filter_without_feedback_is_the_same_as_a_loop_given_by_its_matrices(seed: int) -> None:
+    """The equilibrium of a network with a `constant` inverter, and with the same inverter as a `linear` loop."""
+    rng = random.Random(seed)
+    own = {
+        "R": f"{rng.uniform(0.01, 2):.4f}",
+        "L": f"{rng.uniform(0.5, 5):.3f} mH",
+        "C": f"{rng.uniform(5, 50):.2f} uF",
+    }
+    loop = {
+        "kind": "linear",
+        "F": [[0, "w0", "1/C", 0], ["-w0", 0, 0, "1/C"], ["-1/L", 0, "-R/L", "w0"], [0, "-1/L", "-w0", "-R/L"]],
+        "B": [["1/C", 0], [0, "1/C"], [0, 0], [0, 0]],
+        "C": [[1, 0, 0, 0], [0, 1, 0, 0]],
+    }
+    # without current the voltage of the filter is u less what its own capacitor draws
+    z, y = complex(float(own["R"]), W0 * float(own["L"][:-3]) * 1e-3), 1j * W0 * float(own["C"][:-3]) * 1e-6
+    u = complex(20_000, 2_000)
+    found = []
+    for name, controller, V in (("held", {"kind": "constant"}, u), ("own", loop, u / (1 + z * y))):
+        dgu_ = {"filter": "lc", "controller": name, "reference": [f"{V.real:.10f} V", f"{V.imag:.10f} V"]}
+        shunt = f"{2 + seed} uF"
+        nodes = {
+            "a": {"dgu": dgu_, "capacitance": shunt},
+            "b": {"load": [zip_load("1 mS", "1 A")]},
+            "c": {"load": [zip_load()]},
+        }
+        spec = network(nodes, "ab", "bc", "ca", filter={"lc": own}, controller={name: controller})
+        found.append(read_rest(claim(prove(spec), "equilibrium/a")))
+    for name, V in found[0].voltages.items():
+        assert abs(V - found[1].voltages[name]) < 1e-7
+    for name, current in found[0].lines.items():
+        assert abs(current - found[1].lines[name]) < 1e-6
