@@ -199,8 +199,10 @@ def _why(claims: dict[str, Claim]) -> str:
 def _tell_island(where: str, equilibrium: Claim, region: Claim) -> list[str]:
     """Where an island rests, and from where it returns to that."""
     if equilibrium.status != "proved":
-        known = "is proved not to rest as it is claimed" if equilibrium.status == "refuted" else "is not proved to rest"
-        return [f"{where} {known}."]
+        if equilibrium.status != "refuted":
+            return [f"{where} is not proved to rest."]
+        told = "; ".join(f"{name}: {float(value):.6g} {unit}" for name, value, unit in equilibrium.facts[:6])
+        return [f"{where} is proved not to rest as it is claimed ({told})."]
     rest = read_rest(equilibrium)
     only = "the only equilibrium with all loads in their bands" if rest.only_one else "an equilibrium, alone near by"
     lines = [f"{where} rests here, {_precision(rest)} ({only}):"]

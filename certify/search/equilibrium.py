@@ -302,6 +302,20 @@ class EquilibriumSearch:
             if limited:
                 yield Proposal("refuted", "limits-exceeded", data)
 
+    def _weakest(self, network: Network, volts: list[complex]) -> str:
+        """The node at which the slope of the load outweighs that of the lines most, if it does anywhere."""
+        found = []
+        for name, load, v, y, shunt in zip(
+            network.island.free, network.loads, volts, network.diagonal, network.shunts, strict=True
+        ):
+            if load:
+                _, a, b = load(v)
+                found.append(((y - shunt).real + a.real - abs(b), name, a.real - abs(b), (y - shunt).real))
+        if not found or min(found)[0] >= 0:
+            return ""
+        _, name, slope, lines = min(found)
+        return f"at node {name} the load gives in by {-slope:.4g} S, and the lines there hold with {lines:.4g} S"
+
     def _has_tolerances(self, name: str) -> bool:
         node = self.context.nodes[name]
         shares = [s for line in self.context.lines_at[name] for s in line.branch.tolerance]
@@ -340,6 +354,8 @@ class EquilibriumSearch:
                 options.append((*found, factor))
                 if angle == 0:
                     break
+        if not options and self.reason == "P214":
+            self.detail = self._weakest(network, volts)
         shares = WIDE_SHARES if any(map(self._has_tolerances, self.names)) else SHARES
         for mu, weights, sizes, factor in sorted(options, key=lambda option: -option[0])[:3]:
             for radius in (max(30 * noise / mu, 1e-12 * least), *(least * share for share in shares)):
