@@ -23,6 +23,7 @@ from certify.report.network import read_rest
 from certify.simulate.plant import Plant
 from tests.bench.networks import microgrid
 from tests.conftest import ROOT
+from tests.test_equilibrium import oscillator
 
 SPECS = sorted(p for p in (ROOT / "specs").iterdir() if p.suffix in (".toml", ".json"))
 
@@ -142,3 +143,16 @@ def test_a_generated_mesh_too() -> None:
     plant, x = rest_of(decode_all(data), data)
     scale = numpy.abs(plant.jacobian(x)) @ numpy.abs(x)
     assert (numpy.abs(plant.rates(x)) <= 1e-9 * scale + 1e-6).all()
+
+
+@pytest.mark.parametrize(("ki", "load", "recovers"), [(1000, "rl", False), (100, "rl", True), (1000, "static", True)])
+def test_an_inverter_whose_extreme_modes_are_passive_may_oscillate(ki: int, load: str, recovers: bool) -> None:
+    """From zero, with limits and integrators that wind up: 47.6 kV of error for ever, or back to rest (THEORY 7)."""
+    grid = decode_all(oscillator(ki, load))
+    plant, end = Plant(grid), 0.4
+    done = solve_ivp(
+        lambda _, x: plant.rates(x), (0, end), numpy.zeros(plant.size), method="LSODA", rtol=1e-6, atol=1e-4
+    )
+    late = done.t > 0.8 * end
+    error = numpy.abs(done.y[0][late] + 1j * done.y[1][late] - (13_000 + 16_000j)).max()
+    assert (error < 200) if recovers else error == pytest.approx(47_600, rel=0.01)

@@ -290,7 +290,8 @@ def static_load(node: Node) -> Callable[[complex], complex]:
         v = abs(V)
         for power, cutoff in parts:
             at = max(v, cutoff)
-            total += power(at).conjugate() / at**2 * V
+            if at:  # no voltage, no direction of a current
+                total += power(at).conjugate() / at**2 * V
         return total
 
     return drawn
