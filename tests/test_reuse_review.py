@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -15,7 +16,7 @@ from certify import accepted
 from certify.certificate import prove, to_canonical_json
 from certify.comparison import compare
 from certify.inputs import decode_all
-from certify.reuse import prove_again
+from certify.reuse import _prove_changes, _WholeError, prove_again
 from certify.search.proposal import Proposal
 from certify.search.prove import Search
 from tests.test_reuse import BASE, CERTIFICATE, again, base, edited, faults_of, statuses, text
@@ -39,6 +40,84 @@ def test_a_new_part_that_nobody_has_is_read_all_the_same(section: str, name: str
     expected = faults_of(lambda: prove(spec))
     assert bool(expected) is not (section == "filter" and name == "idle" and isinstance(value, dict) and bool(value))
     assert faults_of(lambda: prove_again(spec, CERTIFICATE.data)) == expected
+
+
+# --- what is taken over -----------------------------------------------------------------------------------------------
+
+
+def mixed(legs: str = "included") -> Spec:
+    """Two islands: inverters without feedback, a linear loop, a shortage, and loads of all kinds beside the edits."""
+    spec = base(12, seed=4)
+    spec["line_legs"] = legs
+    spec["line"] = [x for x in spec["line"] if (int(x["from"][1:]) < 7) == (int(x["to"][1:]) < 7)]
+    joined = {(x["from"], x["to"]) for x in spec["line"]}
+    for ends in (("n7", "n8"), ("n8", "n9"), ("n9", "n10"), ("n10", "n11")):
+        if ends not in joined:
+            spec["line"].append({**spec["line"][0], "name": "-".join(ends), "from": ends[0], "to": ends[1]})
+    spec["tolerance"] = {"load": "1 %"}
+    spec["controller"] |= {
+        "open": {"kind": "constant"},
+        "loop": {
+            "kind": "linear",
+            "F": [[-100, 0, -1, 0], [0, -100, 0, -1], [1, 0, 0, 0], [0, 1, 0, 0]],
+            "B": [[1, 0], [0, 1], [0, 0], [0, 0]],
+            "C": [[1, 0, 0, 0], [0, 1, 0, 0]],
+        },
+    }
+    spec["controller"]["c0"]["K12"] = [["R - ki*(1/kp + 1)", "-1.0001*w0*L"], ["1.0001*w0*L", "R - ki*(1/kp + 1)"]]
+    nodes = spec["node"]
+    for node in nodes.values():
+        node["capacitance"] = "0.3 uF"
+    nodes["n2"]["dgu"]["controller"] = "open"
+    nodes["n6"]["dgu"] = {"controller": "loop", "reference": nodes["n6"]["dgu"]["reference"]}
+    current = ["Vd*0.0001 + Vq*0.00003 + 0.1", "Vq*0.0001 - Vd*0.00003"]
+    nodes["n1"]["load"] = [{"kind": "current", "I": current, "centre": ["1 pu", "0 V"], "radius": "0.2 pu"}]
+    nodes["n4"].setdefault("load", []).append({"kind": "rl", "R": "2 kohm", "L": "1 H"})
+    nodes["n8"]["load"] = [{"kind": "zip", "I": ["1 A", "0 A"], "below": "constant-impedance"}]
+    return spec
+
+
+SHORT: dict[str, Callable[[Spec], object]] = {
+    "a filter without resistance": lambda s: s["filter"]["f8"].update(R=0),
+    "a huge capacitor": lambda s: s["filter"]["f8"].update(C="1e30 F"),
+    "a tiny capacitor": lambda s: s["filter"]["f4"].update(C="1e-30 F"),
+    "all of two filters": lambda s: [s["filter"][name].update(R=1, L="9 mH", C="1 uF") for name in ("f4", "f8")],
+    "filters swapped": lambda s: s["filter"].update(f4=s["filter"]["f8"], f10=s["filter"]["f4"]),
+    "filters and a name": lambda s: (
+        s["filter"].update({"7": s["filter"].pop("f8")}), s["node"]["n8"]["dgu"].update(filter=7)),
+    "a gain near zero": lambda s: s["controller"]["c10"].update(ki="1e-30"),
+    "controllers of another island": lambda s: s["node"]["n8"]["dgu"].update(controller="c10"),
+    "another plant of the design": lambda s: s["controller"]["c8"].update(design={"R": 0}),
+    "one for many": lambda s: [s["node"][f"n{k}"]["dgu"].update(controller="c10") for k in (4, 8, 10)],
+}  # fmt: skip
+WHOLE: dict[str, Callable[[Spec], object]] = {
+    "no integral action": lambda s: s["controller"]["c8"].pop("K13"),
+    "integral action of one axis": lambda s: s["controller"]["c8"].update(K13=[["ki", 0], [0, 0]]),
+    "a ki of zero on one axis": lambda s: s["controller"]["c10"].update(ki=[100, 0]),
+    "alpha is zero": lambda s: s["controller"]["c10"].update(alpha=0),
+    "no feedback": lambda s: s["controller"].update(c8={"kind": "constant"}),
+    "feedback where there was none": lambda s: s["node"]["n2"]["dgu"].update(controller="c10"),
+    "the filter of an inverter without feedback": lambda s: s["filter"]["f2"].update(R="0.2 ohm"),
+    "the filter of a shortage": lambda s: s["filter"]["f0"].update(C="26 uF"),
+    "the loop": lambda s: s["controller"]["loop"].update(F=[[-90, 0, -1, 0], [0, -90, 0, -1], [1, 0, 0, 0], [0, 1, 0, 0]]),
+    "a loop in place of gains": lambda s: s["node"]["n8"]["dgu"].update(controller="loop"),
+    "a tolerance": lambda s: s["filter"]["f8"].update(tolerance={"C": "0.1 %"}),
+    "limits": lambda s: s["node"]["n8"]["dgu"].update(limits=["60 kV", "60 kV"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("legs", "part"), [("included", 0), ("neglected at DGUs", 1)])
+def test_what_is_taken_over_would_be_accepted(legs: str, part: int) -> None:
+    """Never another answer than without, also where equilibria and regions are kept."""
+    spec = mixed(legs)
+    certificate = prove(text(spec))
+    rules = {c.id: c.rule for c in certificate.verdict.claims}
+    assert (certificate.verdict.outcome, rules["dgu/n0"]) == ("certified", "index-storage")
+    for name, change in list(SHORT.items())[part::2]:
+        assert (name, again(edited(change, spec), certificate.data, text(spec)).whole) == (name, None)
+    for name, change in list(WHOLE.items())[part::2]:
+        with pytest.raises(_WholeError):
+            pytest.fail(f"{name}: {_prove_changes(text(edited(change, spec)), certificate.data, None, None)}")
 
 
 # --- the memory of this machine ---------------------------------------------------------------------------------------
