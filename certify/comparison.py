@@ -99,9 +99,10 @@ def contents(grid: Microgrid) -> dict[str, Hashable]:
     """For each claim all that its subject depends on, so that equal content means that the same is claimed."""
     context = Context(grid)
     found: dict[str, Hashable] = {}
+    limits = tuple((node.name, node.dgu.limits_volt) for node in grid.nodes if node.dgu and node.dgu.limits_volt)
     for name, (subject, text) in statements(context).items():
-        # That of the microgrid is about everything before it, and its text says whether it is about limits too.
-        found[name] = (text, *found.items()) if subject[0] == "microgrid" else _content(context, *subject)
+        # That of the microgrid is about everything before it, and which equilibria are meant is set by limits too.
+        found[name] = (text, limits, *found.items()) if subject[0] == "microgrid" else _content(context, *subject)
     return found
 
 
@@ -143,8 +144,10 @@ def _lines(context: Context, names: Iterable[str]) -> Hashable:
 
 
 def _change(before: Claim | None, after: Claim, same: bool) -> Change:
+    """`same`: whether both are about the same content; what is said of it may still be more or less than before."""
     if before is None:
         return Change("new", None, after)
+    same = same and before.statement == after.statement
     held, holds = before.status in HOLDS, after.status in HOLDS
     if held and holds:
         return Change("kept" if same else "proved again", before, after)

@@ -214,7 +214,7 @@ def _plain(value: Any) -> Any:
 
 def _names(names: Set[str]) -> set[str | bytes]:
     """Names as a tree may have them where something refers to them: the reader takes the number 5 for the name "5"."""
-    return {*names, *(name.encode() for name in names)}
+    return {*names, *(name.encode(errors="surrogatepass") for name in names)}
 
 
 def _text(name: object) -> str:
@@ -233,7 +233,8 @@ def _compare(before: Table, after: Table) -> tuple[list[str], dict[str, set[str]
         trees.append(tree | {key: _table(tree.get(key, ())) for key in ("filter", "controller", "node")})
     was, now = trees
     changed = {
-        key: {name for name in {**was[key], **now[key]} if was[key].get(name) != now[key].get(name)}
+        # What is null is there, and a fault: so a missing name must not look like it.
+        key: {name for name in {**was[key], **now[key]} if was[key].get(name, ...) != now[key].get(name, ...)}
         for key in ("filter", "controller")
     }
     if list(was["node"]) != list(now["node"]):

@@ -225,9 +225,14 @@ class Search:
         """Whether an island may lack a proof only because older proofs of its parts say less than new ones might.
 
         A smaller shortage, a larger modulus, a strict load or another storage matrix make up for more, and the older
-        certificate, which anybody may have written, need not have the best.
+        certificate, which anybody may have written, need not have the best. To find an equilibrium, modulus and margin
+        of loads given by their currents are used.
         """
         for name, (subject, _) in self.expected.items():
+            if subject[0] in ("equilibrium", "saturated") and self.context.status[name] == "unknown":
+                disks = (f"load/{node}" for node in subject[1] if self.context.nodes[node].current is not None)
+                if any(self.earlier.offered(self.accepted[load]) for load in disks):
+                    return True
             if subject[0] != "island" or self.context.status[name] in HOLDS:
                 continue
             parts = [part for node in subject[1] for part in (f"dgu/{node}", f"load/{node}") if part in self.expected]
@@ -290,7 +295,7 @@ class Search:
                 yield from [again] if again else []
                 yield from propose_box([self.context.port(node, signs) for signs in corners], smallest)
 
-        older = self.earlier.short_of(f"dgu/{node}")
+        older = self.earlier.short_of(_claim_about(node))
         found = self._first("dgu", node, (self.context.key(node), "index", smallest), proposals, older)
         if found and len(corners) > 1:
             self.boxes[design] = found
