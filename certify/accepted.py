@@ -5,8 +5,9 @@ them), the spec and the certificate, so an entry says: exactly this checker has 
 exactly this spec. Nothing is ever looked up by a path or a time. What is remembered saves `prove --reuse` the work of
 checking again what has not changed; `check` never looks here.
 
-The folder is $CERTIFY_CACHE, else $XDG_CACHE_HOME/certify, else ~/.cache/certify; an empty CERTIFY_CACHE turns all of
-this off. Whoever may write there is believed: the user alone, which is checked. Failing to remember is no error.
+The folder is $CERTIFY_CACHE, else $XDG_CACHE_HOME/certify, else ~/.cache/certify; a CERTIFY_CACHE that is empty or no
+absolute path turns all of this off. Whoever may write there is believed: the user alone, which is checked. Failing to
+remember is no error.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ def recall(spec_sha256: str, certificate: bytes) -> bytes | None:
 def _folder() -> Path | None:
     own = os.environ.get("CERTIFY_CACHE")
     if own is not None:
-        return Path(own) if own else None
+        return Path(own) if os.path.isabs(own) else None  # a relative one may be anybody's, wherever one works
     base = os.environ.get("XDG_CACHE_HOME", "")
     try:
         return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "certify"
