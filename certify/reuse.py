@@ -352,7 +352,7 @@ def _prove_dgu(search: Search, now: Context, name: str, entry: Table, proofs: Ta
     data = json.loads(json.dumps(found.data))  # as it will stand in the certificate
     try:
         facts = RULES["dgu", found.status, found.rule](now, name, Data(data))
-        rules.rests(*now.storages[name][1:])
+        rules.rests(now.storages[name].port, now.storages[name].M)
     except RuleFailure as failure:
         raise _WholeError(f"at node {name}: {failure}") from None
     key = proof_key(data)
@@ -368,7 +368,8 @@ def _require_pins(now: Context, document: Table) -> None:
             pin = document["proofs"][entry["proof"]]
             if pin["by"] == "dgu" and pin["at"] in now.storages:
                 try:
-                    rules.pins(*now.storages[pin["at"]][1:], with_load=now.nodes[pin["at"]].has_static_load)
+                    stored = now.storages[pin["at"]]
+                    rules.pins(stored.port, stored.M, with_load=now.nodes[pin["at"]].has_static_load)
                 except RuleFailure as failure:
                     raise _WholeError(f"at node {pin['at']}: {failure}") from None
 

@@ -19,7 +19,6 @@ class OnePart:
         self.part = part
         self.strict_loads: set[str] = set()
         self.storages: dict[str, Any] = {}
-        self.forms: dict[str, Any] = {}
         self.shortages: dict[str, Fraction] = {}
         self.moduli: dict[str, Fraction] = {}
         self.sampled: set[str] = set()

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 from certify.kernel.balls import Ball
 from certify.kernel.currents import CurrentLaw
@@ -65,7 +65,19 @@ def to_text(x: Fraction) -> str:
 
 # A DGU by its node, or a mode of it under saturation: the node, and the axes "d", "q" or "dq" held at their limits.
 Mode = str | tuple[str, str]
-Forms = tuple[tuple[LinearPort, Matrix], ...]  # the port and the storage matrix P
+Forms = tuple[tuple[LinearPort, Matrix], ...]  # the port and the storage matrix P, at every corner of a box
+
+
+class Stored(NamedTuple):
+    """What is proved of a DGU or a mode: all that the proof depends on, P at each corner, and M at the first."""
+
+    key: Any
+    forms: Forms
+    M: Matrix
+
+    @property
+    def port(self) -> LinearPort:
+        return self.forms[0][0]
 
 
 def split(mode: Mode) -> tuple[str, str]:
@@ -95,8 +107,7 @@ class Context:
             self.lines_at[line.end].append(line)
         self.status: dict[str, str] = {}
         self.strict_loads: set[str] = set()
-        self.storages: dict[Mode, tuple[Any, LinearPort, Matrix]] = {}  # what it depends on, the port, M
-        self.forms: dict[Mode, Forms] = {}  # the same storages, at every corner of a box of tolerances
+        self.storages: dict[Mode, Stored] = {}
         self.shortages: dict[Mode, Fraction] = {}  # of the DGUs that are passive but for a shortage
         self.sampled: set[str] = set()  # the loads of which only evidence is given
         self.margins: dict[str, Fraction] = {}  # of the denominators of loads given by their currents
@@ -170,9 +181,10 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
     grid = context.grid
     passive = "equilibrium-independent passive"
 
-    def within(node: Node) -> str:
+    def definite(node: Node) -> str:
         own = node.dgu.filter.tolerance if node.dgu and node.dgu.filter else ()
-        return _within(own, len(context.corners(node.name)) > 1)
+        box = _within(own, len(context.corners(node.name)) > 1)
+        return f"{passive}, with a positive definite storage function{box}"
 
     for line in grid.lines:
         branch = f"{to_text(line.branch.resistance_ohm)} ohm, {to_text(line.branch.inductance_henry)} H"
@@ -180,8 +192,7 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
         claims[f"line/{line.name}"] = ("branch", line.branch), f"line {line.name} ({branch}) is strictly {passive}{box}"
     for node in grid.nodes:
         if node.dgu:
-            definite = f"{passive}, with a positive definite storage function{within(node)}"
-            text = f"the controlled DGU at node {node.name} is {definite}"
+            text = f"the controlled DGU at node {node.name} is {definite(node)}"
             claims[f"dgu/{node.name}"] = ("dgu", node.name), text
         if node.band_volt:
             low, high = (to_text(v) for v in node.band_volt)
@@ -207,9 +218,8 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
         claims[f"invariant-set/{island[0]}"] = ("island", island), text
     places = "bands or disks" if any(node.current for node in grid.nodes) else "bands"
     limited = any(node.dgu and node.dgu.limits_volt for node in grid.nodes)
-    inside = f"all load voltages strictly inside their {places}"
-    inside += " and all inverters strictly inside their limits" if limited else ""
-    text = f"every equilibrium with {inside} is asymptotically stable"
+    inside = f"their {places}" + " and all inverters strictly inside their limits" * limited
+    text = f"every equilibrium with all load voltages strictly inside {inside} is asymptotically stable"
     text += ", for all values within the tolerances" if any(", for all" in said for _, said in claims.values()) else ""
     claims["microgrid"] = ("microgrid", None), text
     for island in context.islands:
@@ -217,8 +227,7 @@ def statements(context: Context) -> dict[str, tuple[Subject, str]]:
     for node in grid.nodes:
         if node.dgu and node.dgu.limits_volt and isinstance(node.dgu.controller, IdaPbc | StateFeedback):
             for held, axes in (("d", "its d axis"), ("q", "its q axis"), ("dq", "both axes")):
-                definite = f"{passive}, with a positive definite storage function{within(node)}"
-                text = f"with {axes} held at the limit the DGU at node {node.name} is {definite}"
+                text = f"with {axes} held at the limit the DGU at node {node.name} is {definite(node)}"
                 claims[f"mode/{node.name}/{held}"] = ("dgu", (node.name, held)), text
     return claims
 
@@ -307,15 +316,12 @@ def assumptions(context: Context) -> list[dict[str, str]]:
         ledger[f"sampled/{name}"] = f"the load current at node {name} is monotone on its band: tried, and not proved"
     for island in context.islands:
         name, where = island[0], _island(island)
-        if context.status[f"equilibrium/{name}"] == "unknown":
+        rest, region, set_ = (context.status[f"{kind}/{name}"] for kind in (*RESTS, "invariant-set"))
+        if rest == "unknown":
             ledger[f"equilibrium/{name}"] = (
                 f"{where} an equilibrium exists, as it is claimed: neither proved nor refuted"
             )
-        elif (
-            context.status[f"equilibrium/{name}"] == "proved"
-            and context.status[f"region/{name}"] == "unknown"
-            and context.status[f"invariant-set/{name}"] != "unknown"
-        ):
+        elif rest == "proved" and region == "unknown" and set_ != "unknown":
             ledger[f"region/{name}"] = f"{where} the motion starts near enough to the equilibrium: no level is proved"
     return [{"name": name, "statement": text} for name, text in ledger.items()]
 

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from certify.kernel import equilibrium, load_proofs, region, rules
-from certify.kernel.claims import Context, Fact, Forms, Mode, corner_facts, split
+from certify.kernel.claims import Context, Fact, Forms, Mode, Stored, corner_facts, split
 from certify.kernel.data import Data
 from certify.kernel.errors import require
 from certify.kernel.linalg import Matrix, block, identity, scale, zeros
@@ -52,7 +52,7 @@ def _storage(context: Context, name: Mode, data: Data) -> tuple[Fact, ...]:
     key = (context.key(name), tuple(row.text() for row in part.items()))
     P: Matrix = context.once(("P", key), lambda: full_storage(port, part.matrix()))
     found: rules.Storage = context.once(key, lambda: rules.quadratic_storage(port, P))
-    context.storages[name], context.forms[name] = (key, port, found.M), ((port, P),)
+    context.storages[name] = Stored(key, ((port, P),), found.M)
     facts = [("smallest pivot of the storage matrix", _short(min(found.storage_pivots)), "")]
     damped = [p for p in found.dissipation_pivots if p]
     least = _short(min(damped, default=Fraction(0)))
@@ -81,11 +81,10 @@ def _index(context: Context, name: Mode, data: Data) -> tuple[Fact, ...]:
         return forms, [rules.index_storage(port, P, shortage) for port, P in forms]
 
     key = (context.key(name), shortage, tuple(row.text() for row in part.items()))
-    found: list[rules.Storage]
     forms, found = context.once(key, prove)
     strict = all(min(storage.dissipation_pivots) > 0 for storage in found)
     require(len(found) == 1 or strict, "the dissipation is not positive definite at every corner")
-    context.storages[name], context.forms[name] = (key, forms[0][0], found[0].M), forms
+    context.storages[name] = Stored(key, forms, found[0].M)
     context.shortages[name] = shortage
     facts = [("shortage eps", shortage, "ohm")]
     if witness is not None:
@@ -168,8 +167,8 @@ def _island(status: str, context: Context, island: tuple[str, ...], data: Data) 
         require(all(claims[c] in HOLDS for c in needed), f"a line or load at node {name} is not proved")
         if node.dgu:
             require(name in context.storages, f"the DGU at node {name} is not proved")
-            key, port, M = context.storages[name]
-            context.once((rules.rests, key), partial(rules.rests, port, M))
+            stored = context.storages[name]
+            context.once((rules.rests, stored.key), partial(rules.rests, stored.port, stored.M))
         if name in context.shortages:
             shortages[name] = context.shortages[name]
             if node.has_static_load:
@@ -197,7 +196,7 @@ def _island(status: str, context: Context, island: tuple[str, ...], data: Data) 
     else:
         require(by == "dgu" and at in context.storages, "the pin is neither a load, a branch nor a proved DGU")
         free_load = context.nodes[at].has_static_load and at not in shortages
-        rules.pins(*context.storages[at][1:], with_load=free_load)
+        rules.pins(context.storages[at].port, context.storages[at].M, with_load=free_load)
     return facts
 
 

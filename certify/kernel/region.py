@@ -31,7 +31,7 @@ def reach(context: Context, mode: Mode, rows: Matrix = ()) -> Fraction:
     K P^-1 K' is convex in both together, so its largest value is at a corner (FORMAT.md).
     """
     largest = ZERO
-    for port, P in context.forms[mode]:
+    for port, P in context.storages[mode].forms:
         c, K = port.capacitance_farad, rows or port.C
         if not rows and c is not None and all(P[i] == tuple(c if i == j else 0 for j in range(len(P))) for i in (0, 1)):
             largest = max(largest, 1 / c)  # P B = C': V stands alone in the storage
@@ -90,7 +90,7 @@ def _limit_bounds(context: Context, name: str, u: Ball) -> Iterator[Bound]:
     for axis, row, limit, x in zip("dq", K, dgu.limits_volt, u[:2], strict=True):
         units = lower(limit) - abs(x) - u.r
         require(units > 0, f"the inverter at node {name} is at its limit")
-        key = ("reach", context.storages[name][0], row)
+        key = ("reach", context.storages[name].key, row)
         per_joule = context.once(key, partial(reach, context, name, (row,)))
         if per_joule:
             what = f"the terminal voltage of the DGU at node {name}, {axis}"
@@ -111,7 +111,7 @@ def sublevel_set(status: str, context: Context, names: tuple[str, ...], data: Da
     per_joule: dict[str, Fraction] = {}  # |V~|^2 / (2 S) at most
     for name in names:
         if context.nodes[name].dgu:
-            per_joule[name] = context.once(("reach", context.storages[name][0]), partial(reach, context, name))
+            per_joule[name] = context.once(("reach", context.storages[name].key), partial(reach, context, name))
         else:
             per_joule[name] = 1 / context.capacitances["-"][name]
         bounds += _load_bounds(context, name, rest.voltages[name], per_joule[name])

@@ -203,7 +203,7 @@ class Search:
         """What a rule has noted about its subject before a condition failed: a proof from a file may end half-way."""
         context = self.context
         if kind == "dgu":
-            for noted in (context.storages, context.forms, context.shortages):
+            for noted in (context.storages, context.shortages):
                 noted.pop(what, None)
         elif kind in ("load", "current"):
             for names in (context.strict_loads, context.sampled):
