@@ -228,7 +228,7 @@ def run_gate(options: argparse.Namespace) -> int:
         except Rejected as error:
             entry |= {"outcome": "rejected", "detail": [str(error)]}
         else:
-            claims = (c for c in certificate.verdict.claims if c.id.split("/")[0] not in BESIDE)
+            claims = (c for c in certificate.verdict.claims if c.kind not in BESIDE)
             open_claims = [c for c in claims if c.status != "proved"]
             detail = [f"{c.status} {c.id} ({c.rule or certificate.notes.get(c.id)})" for c in open_claims]
             names = [name for name, _ in certificate.verdict.assumptions if "/" in name]

@@ -150,9 +150,7 @@ def _current(branch: SeriesBranch, voltage: Vector, w0: Fraction) -> Vector:
 def _gains(node: Node) -> StateFeedback | None:
     """The control law u = K11 V + K12 I + K13 v of the DGU at a node, if it has one of this form."""
     law = node.dgu and node.dgu.controller
-    if isinstance(law, IdaPbc):
-        return to_state_feedback(law)
-    return law if isinstance(law, StateFeedback) else None
+    return to_state_feedback(law) if isinstance(law, IdaPbc | StateFeedback) else None
 
 
 def _integrator(node: Node, state: State, terminal: Vector | None) -> Vector | None:

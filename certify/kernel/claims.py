@@ -37,6 +37,10 @@ class Claim:
     rule: str | None = None
     facts: tuple[Fact, ...] = ()
 
+    @property
+    def kind(self) -> str:
+        return self.id.split("/")[0]
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -65,14 +69,13 @@ def to_text(x: Fraction) -> str:
 
 # A DGU by its node, or a mode of it under saturation: the node, and the axes "d", "q" or "dq" held at their limits.
 Mode = str | tuple[str, str]
-Forms = tuple[tuple[LinearPort, Matrix], ...]  # the port and the storage matrix P, at every corner of a box
 
 
 class Stored(NamedTuple):
-    """What is proved of a DGU or a mode: all that the proof depends on, P at each corner, and M at the first."""
+    """What is proved of a DGU or a mode: all that it depends on, port and P at each corner of a box, M at the first."""
 
     key: Any
-    forms: Forms
+    forms: tuple[tuple[LinearPort, Matrix], ...]
     M: Matrix
 
     @property

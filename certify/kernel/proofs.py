@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from certify.kernel import equilibrium, load_proofs, region, rules
-from certify.kernel.claims import Context, Fact, Forms, Mode, Stored, corner_facts, split
+from certify.kernel.claims import Context, Fact, Mode, Stored, corner_facts, split
 from certify.kernel.data import Data
 from certify.kernel.errors import require
 from certify.kernel.linalg import Matrix, block, identity, scale, zeros
@@ -73,11 +73,10 @@ def _index(context: Context, name: Mode, data: Data) -> tuple[Fact, ...]:
         "no rule covers the tolerance of the lines at a linear loop",
     )
 
-    def prove() -> tuple[Forms, list[rules.Storage]]:
+    def prove() -> tuple[tuple[tuple[LinearPort, Matrix], ...], list[rules.Storage]]:
         P0 = part.matrix()
         require(len(P0) == len(context.port(name).F) == len(P0[0]), "the storage matrix has another size")
-        ports = [context.port(name, signs) for signs in corners]
-        forms = tuple((port, rules.storage_at(port, P0)) for port in ports)
+        forms = tuple((port, rules.storage_at(port, P0)) for port in (context.port(name, signs) for signs in corners))
         return forms, [rules.index_storage(port, P, shortage) for port, P in forms]
 
     key = (context.key(name), shortage, tuple(row.text() for row in part.items()))

@@ -164,7 +164,7 @@ def story(verdict: Verdict) -> list[str]:
 
 
 def _count(claims: Iterable[Claim], kind: str) -> list[Claim]:
-    return [claim for claim in claims if claim.id.split("/")[0] == kind]
+    return [claim for claim in claims if claim.kind == kind]
 
 
 def _parts(claims: tuple[Claim, ...]) -> str:
@@ -177,7 +177,7 @@ def _parts(claims: tuple[Claim, ...]) -> str:
         if found:
             plural = name.replace("node ", "nodes ").replace(" load", " loads") if "node" in name else f"{name}s"
             told.append(f"{len(found)} {name if len(found) == 1 else plural}")
-    broken = [c for c in claims if c.id.split("/")[0] in ("dgu", "load", "branch", "line") and c.status != "proved"]
+    broken = [c for c in claims if c.kind in ("dgu", "load", "branch", "line") and c.status != "proved"]
     rest = "all parts are proved" if not broken else f"not proved: {', '.join(c.id for c in broken[:SHOWN])}"
     return f"A network with {', '.join(told)}; {rest}{' and more' if len(broken) > SHOWN else ''}."
 

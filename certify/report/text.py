@@ -91,7 +91,7 @@ def render_verdict(
         f"{c.id} ({approximate(value)} ohm)"
         for c in verdict.claims
         for what, value, _ in c.facts
-        if what == "shortage eps" and _kind(c) not in BESIDE
+        if what == "shortage eps" and c.kind not in BESIDE
     ]
     if short:
         more = f" and {len(short) - 6} more" if len(short) > 6 else ""
@@ -105,7 +105,7 @@ def render_verdict(
     lines += ["", *stability(verdict)]
     ledger = ", ".join(name for name, _ in verdict.assumptions)
     lines.append(f"assumed, not proved: {ledger} (`certify explain CERT SPEC` says how)")
-    return "\n".join(lines).replace("\n\n\n", "\n\n")
+    return "\n".join(lines)
 
 
 def stability(verdict: Verdict) -> list[str]:
@@ -139,9 +139,9 @@ def render_reuse(reuse: Mapping[str, Any]) -> str:
 def open_claims(verdict: Verdict, notes: dict[str, str], colour: bool = False) -> list[str]:
     """The claims that are not proved, each with its reason, those about parts first."""
     lines: list[str] = []
-    unsettled = [c for c in verdict.claims if c.status != "proved" and _kind(c) not in BESIDE]
-    open_kinds = {_kind(c) for c in unsettled}
-    alone = [c for c in unsettled if not _CAUSES.get(_kind(c), set()) & open_kinds]
+    unsettled = [c for c in verdict.claims if c.status != "proved" and c.kind not in BESIDE]
+    open_kinds = {c.kind for c in unsettled}
+    alone = [c for c in unsettled if not _CAUSES.get(c.kind, set()) & open_kinds]
     following = [c.id for c in unsettled if c not in alone and c.status != "conditional"]
     unsettled = alone
     for claim in unsettled[:SHOWN_ALONE]:
@@ -154,10 +154,6 @@ def open_claims(verdict: Verdict, notes: dict[str, str], colour: bool = False) -
     return lines
 
 
-def _kind(claim: Claim) -> str:
-    return claim.id.split("/")[0]
-
-
 def kind_of(claim: str) -> str:
     """What a claim of this id is about, in the plural; for a kind without a name of its own the start of the id."""
     kind = claim.split("/", 1)[0]
@@ -167,7 +163,7 @@ def kind_of(claim: str) -> str:
 def _summary(claims: tuple[Claim, ...]) -> list[tuple[str, ...]]:
     groups: dict[tuple[str, str], dict[str, int]] = {}
     for claim in claims:
-        rules = groups.setdefault((_kind(claim), claim.status), {})
+        rules = groups.setdefault((claim.kind, claim.status), {})
         rules[claim.rule or "-"] = rules.get(claim.rule or "-", 0) + 1
     rows: list[tuple[str, ...]] = [("claims", "", "status", "by rule")]
     order = list(_KINDS)

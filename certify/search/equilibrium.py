@@ -17,8 +17,10 @@ from certify.kernel.currents import derivative, evaluate
 from certify.kernel.equilibrium import Island, describe, is_only_one, regulates, susceptance
 from certify.kernel.errors import RuleFailure
 from certify.kernel.model import Pieces
+from certify.kernel.spec import SeriesBranch
 from certify.search.proposal import Proposal, to_text
 from certify.search.roots import round_to_digits
+from certify.search.voltages import float_terms
 
 SMALL = 16  # free nodes up to which plain elimination is used
 STEPS = 60
@@ -50,7 +52,7 @@ class Network:
             node = context.nodes[name]
             shunt = complex(*map(float, centre(susceptance(context, name))))
             for branch in node.branches:
-                shunt += 1 / complex(float(branch.resistance_ohm), w0 * float(branch.inductance_henry))
+                shunt += _admittance(branch, w0)
             if name in island.sources:
                 u, source = island.sources[name]
                 y = complex(*map(float, centre(source)))
@@ -59,8 +61,7 @@ class Network:
             self.shunts[k] = shunt
             self.diagonal[k] += shunt
             for line in context.lines_at[name]:
-                branch = line.branch
-                y = 1 / complex(float(branch.resistance_ohm), w0 * float(branch.inductance_henry))
+                y = _admittance(line.branch, w0)
                 other = line.end if line.start == name else line.start
                 self.diagonal[k] += y
                 if other in self.fixed:
@@ -89,6 +90,11 @@ class Network:
         if len(a) <= SMALL:
             return _solve_dense(a, b, self.beside, E)
         return _solve_sparse(a, b, self.beside, E)
+
+
+def _admittance(branch: SeriesBranch, w0: float) -> complex:
+    """1 / (R + j w0 L) in siemens."""
+    return 1 / complex(float(branch.resistance_ohm), w0 * float(branch.inductance_henry))
 
 
 def float_load(context: Context, name: str) -> Load | None:
@@ -124,9 +130,8 @@ def float_load(context: Context, name: str) -> Load | None:
 def _isotropic(pieces: Pieces) -> Load:
     laws = []
     for (_, top), law in pieces:
-        terms = [(float(t.coefficient), float(t.base_volt), float(t.exponent)) for t in law.active]
-        terms_q = [(float(t.coefficient), float(t.base_volt), float(t.exponent)) for t in law.reactive]
-        laws.append((float(top), [(complex(c), v, e) for c, v, e in terms] + [(-1j * c, v, e) for c, v, e in terms_q]))
+        sides = ((1, law.active), (-1j, law.reactive))
+        laws.append((float(top), [(turn * c, v, e) for turn, terms in sides for c, v, e in float_terms(terms)]))
 
     def load(V: complex) -> tuple[complex, complex, complex]:
         v = abs(V)

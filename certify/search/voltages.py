@@ -18,7 +18,7 @@ GRID = 32
 HUGE = 1e150
 
 
-def _floats(terms: Iterable[PowerTerm]) -> list[tuple[float, ...]]:
+def float_terms(terms: Iterable[PowerTerm]) -> list[tuple[float, ...]]:
     """Coefficient, base and exponent of each term."""
     return [
         tuple(x.numerator / x.denominator for x in (t.coefficient, t.base_volt, t.exponent))  # faster than float(x)
@@ -30,7 +30,7 @@ def float_law(law: LoadLaw) -> Callable[[float], tuple[float, float, float]]:
     """G, G + v G' and v B' as functions of v, in floats: for looking around only. Zeros where floats overflow."""
     try:
         active, reactive = (
-            [(c / base**2, base, e - 2) for c, base, e in _floats(part)] for part in (law.active, law.reactive)
+            [(c / base**2, base, e - 2) for c, base, e in float_terms(part)] for part in (law.active, law.reactive)
         )
     except (OverflowError, ZeroDivisionError):
         return lambda _: (0.0, 0.0, 0.0)
@@ -196,7 +196,7 @@ def find_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fr
 def _plain_pairs(law: LoadLaw, band: Pair, v: Fraction) -> Iterator[tuple[Pair, Fraction]]:
     """A pair that floats find and can trust: most loads that are not monotone are so by far."""
     try:
-        terms = [_floats(part) for part in (law.active, law.reactive)]
+        terms = [float_terms(part) for part in (law.active, law.reactive)]
     except OverflowError:
         return
     low = band[0] or v / 2

@@ -24,6 +24,7 @@ from certify.kernel.spec import (
     LinearLoop,
     Microgrid,
     Node,
+    SeriesBranch,
     StateFeedback,
     ZipLoad,
 )
@@ -68,11 +69,13 @@ class Plant:
                     self._place(("integrator", node.name), 2)
         for name, loop in self.loops.items():
             self._place(("loop", name), len(loop.F))
+        # Lines, and series R-L loads, the other end of which is grounded: start, end, R + j w0 L, L.
+        self.branches: dict[Part, tuple[str, str | None, complex, float]] = {}
         for line in grid.lines:
-            self._place(("line", line.name), 2)
+            self._add_branch(("line", line.name), line.branch, line.start, line.end)
         for node in grid.nodes:
-            for k, _ in enumerate(node.branches):
-                self._place(("branch", node.name, str(k)), 2)
+            for k, branch in enumerate(node.branches):
+                self._add_branch(("branch", node.name, str(k)), branch, node.name, None)
         self.capacitances = _capacitances(grid)
         self.loads = {node.name: static_load(node) for node in grid.nodes if node.has_static_load}
         self._loop_parts = {name: self._loop(name) for name in self.loops}
@@ -80,6 +83,11 @@ class Plant:
     def _place(self, part: Part, size: int) -> None:
         self.slices[part] = slice(self.size, self.size + size)
         self.size += size
+
+    def _add_branch(self, part: Part, branch: SeriesBranch, start: str, end: str | None) -> None:
+        R, L = float(branch.resistance_ohm), float(branch.inductance_henry)
+        self.branches[part] = (start, end, complex(R, self.w0 * L), L)
+        self._place(part, 2)
 
     def get(self, x: Array, part: Part) -> complex:
         """The complex number of a part of a state."""
@@ -108,19 +116,13 @@ class Plant:
         out = numpy.empty(self.size)
         V = {name: self.voltage(x, name) for name in self.nodes}
         into = dict.fromkeys(self.nodes, 0j)  # what flows into each node from lines, less what its loads take
-        for line in self.grid.lines:
-            current = self.get(x, ("line", line.name))
-            into[line.start] -= current
-            into[line.end] += current
-            R, L = float(line.branch.resistance_ohm), float(line.branch.inductance_henry)
-            self._set(out, ("line", line.name), (V[line.start] - V[line.end] - (R + 1j * self.w0 * L) * current) / L)
-        for node in self.grid.nodes:
-            for k, branch in enumerate(node.branches):
-                part = ("branch", node.name, str(k))
-                current = self.get(x, part)
-                into[node.name] -= current
-                R, L = float(branch.resistance_ohm), float(branch.inductance_henry)
-                self._set(out, part, (V[node.name] - (R + 1j * self.w0 * L) * current) / L)
+        for part, (start, end, impedance, L) in self.branches.items():
+            current = self.get(x, part)
+            into[start] -= current
+            if end is not None:
+                into[end] += current
+            drop = V[start] - (V[end] if end is not None else 0)
+            self._set(out, part, (drop - impedance * current) / L)
         for name, load in self.loads.items():
             into[name] -= load(V[name])
         for name, inverter in self.inverters.items():
@@ -182,9 +184,7 @@ class Plant:
             elif part[0] == "current":
                 self._set(x, part, inverters[part[1]])
             elif part[0] == "branch":
-                branch = self.grid.nodes[self.nodes[part[1]]].branches[int(part[2])]
-                z = complex(float(branch.resistance_ohm), self.w0 * float(branch.inductance_henry))
-                self._set(x, part, voltages[part[1]] / z)
+                self._set(x, part, voltages[part[1]] / self.branches[part][2])
             elif part[0] == "loop":
                 F, B, C, reference, _, _ = self._loop_parts[part[1]]
                 # 0 = F x + B d and C x = V - reference: least squares for x and d together
@@ -215,10 +215,13 @@ def _capacitances(grid: Microgrid) -> dict[str, float]:
     """Farad at each node: its own shunt, its filter's, and half of each line's, unless the spec neglects those."""
     total = {}
     for node in grid.nodes:
-        legs = [x.capacitance_farad / 2 for x in grid.lines for end in (x.start, x.end) if end == node.name]
-        counted = grid.line_legs_at_dgus or node.dgu is None
         own = node.dgu.filter.capacitance_farad if node.dgu and node.dgu.filter else 0
-        total[node.name] = float(node.capacitance_farad + own + (sum(legs) if counted else 0))
+        total[node.name] = float(node.capacitance_farad + own)
+    bare = {node.name for node in grid.nodes if node.dgu and not grid.line_legs_at_dgus}
+    for line in grid.lines:
+        for end in (line.start, line.end):
+            if end not in bare:
+                total[end] += float(line.capacitance_farad) / 2
     return total
 
 
