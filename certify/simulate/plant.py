@@ -1,7 +1,10 @@
 """A microgrid as ordinary differential equations in floats, straight from Kirchhoff's laws (THEORY 1).
 
 An independent witness: it shares the spec's data with the kernel, and no model. Control laws are written as they are
-executed, with absolute voltages and currents; the kernel only knows deviations from an equilibrium.
+executed, with absolute voltages and currents; the kernel only knows deviations from an equilibrium. All that is linear
+is stamped into sparse matrices, element by element; static loads and the limits of inverters stand beside them:
+
+    x' = A x + b + G sat(u) - D I(V),    u = K x + k,    V = S x + s at the nodes with static loads.
 
 Voltages and currents are complex, x_d + j x_q, in the frame that turns at w0; a state is one real array, the parts of
 each complex number next to each other (`Plant.slices` has the places).
@@ -11,54 +14,68 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
 from certify.kernel.spec import (
     ConstantVoltage,
     Dgu,
-    ExpLoad,
     IdaPbc,
     LinearLoop,
     Microgrid,
-    Node,
     SeriesBranch,
     StateFeedback,
-    ZipLoad,
 )
+from certify.simulate.loads import StaticLoads
 
-Array = NDArray[numpy.float64]
+Array = NDArray[numpy.floating[Any]]
 Phasors = NDArray[numpy.complex128]
 Law = Callable[[complex, complex, complex], complex]
 Part = tuple[str, ...]  # ("voltage", node), ("current", node), ("integrator", node), ("loop", node), ("line", name), ..
+I2 = numpy.eye(2)
+J = numpy.array([[0.0, -1.0], [1.0, 0.0]])  # multiplication by j
 
 
 @dataclass(frozen=True)
 class Inverter:
-    """A filter with its control law u(V, I, integrator) in volt, and the rate of the integrator (None without one)."""
+    """A filter with its control law u(V, I, integrator) in volt, and the rate of the integrator (None without one).
+
+    The law is affine; `gains` are its matrices in V, I and the integrator, each (2, 2). `tracking` is what an
+    anti-windup adds to the rate of the integrator for each volt that the limits take off, (2, 2).
+    """
 
     resistance_ohm: float
     inductance_henry: float
+    capacitance_farad: float
     law: Law
+    gains: tuple[Array, Array, Array]
     rate: Callable[[complex], complex] | None
     limits_volt: tuple[float, float] | None
+    tracking: Array | None
 
 
 class Plant:
-    """x' = rates(x) for a whole microgrid, at the values of the spec (tolerances are of no account)."""
+    """x' = rates(x) for a whole microgrid, at the values of the spec (tolerances are of no account).
+
+    `u` has two components for each inverter, in the order of `inverters`; `limits` is their bound in volt, infinite
+    without one. `loaded` names the nodes with static loads.
+    """
 
     def __init__(self, grid: Microgrid) -> None:
         self.grid, self.w0 = grid, float(grid.w0)
         self.nodes = {node.name: k for k, node in enumerate(grid.nodes)}
         self.slices: dict[Part, slice] = {}
         self.size = 0
-        self.loops = {
-            n.name: n.dgu.controller for n in grid.nodes if n.dgu and isinstance(n.dgu.controller, LinearLoop)
-        }
+        self.loops: dict[str, _Loop] = {}
+        self.capacitances = _capacitances(grid)
         for node in grid.nodes:
-            if node.name not in self.loops:
+            if node.dgu and isinstance(node.dgu.controller, LinearLoop):
+                self.loops[node.name] = _Loop(node.dgu, node.dgu.controller, self.capacitances[node.name], self.w0)
+            else:
                 self._place(("voltage", node.name), 2)
         self.inverters: dict[str, Inverter] = {}
         for node in grid.nodes:
@@ -76,9 +93,11 @@ class Plant:
         for node in grid.nodes:
             for k, branch in enumerate(node.branches):
                 self._add_branch(("branch", node.name, str(k)), branch, node.name, None)
-        self.capacitances = _capacitances(grid)
-        self.loads = {node.name: static_load(node) for node in grid.nodes if node.has_static_load}
-        self._loop_parts = {name: self._loop(name) for name in self.loops}
+        loaded = [node for node in grid.nodes if node.has_static_load]
+        self.loaded, self.loads = [node.name for node in loaded], StaticLoads(loaded)
+        bounds = [inverter.limits_volt or (numpy.inf, numpy.inf) for inverter in self.inverters.values()]
+        self.limits = numpy.array(bounds).reshape(-1)
+        self._stamp()
 
     def _place(self, part: Part, size: int) -> None:
         self.slices[part] = slice(self.size, self.size + size)
@@ -89,72 +108,109 @@ class Plant:
         self.branches[part] = (start, end, complex(R, self.w0 * L), L)
         self._place(part, 2)
 
+    def _stamp(self) -> None:
+        """Write down Kirchhoff's laws: every element adds to the equations of the parts that it touches."""
+        n, m, k = self.size, 2 * len(self.inverters), 2 * len(self.loaded)
+        A, G, D, K, S = _Stamps(n, n), _Stamps(n, m), _Stamps(n, k), _Stamps(m, n), _Stamps(k, n)
+        b, u0, s = numpy.zeros(n), numpy.zeros(m), numpy.zeros(k)
+        for name in self.nodes:
+            if name in self.loops:
+                loop, at = self.loops[name], self.slices["loop", name]
+                A.add(at, at, loop.own)
+                b[at] += loop.constant
+            else:
+                at = self.slices["voltage", name]
+                A.add(at, at, -self.w0 * J)  # C V' = .. - j w0 C V
+        for part, (start, end, impedance, L) in self.branches.items():
+            at = self.slices[part]
+            A.add(at, at, -_matrix(impedance) / L)
+            for node, sign in ((start, 1), (end, -1)):
+                if node is not None:  # L I' = V_start - V_end - Z I, and the current leaves the start
+                    source, reads, offset = self._voltage(node)
+                    A.add(at, source, sign * reads / L)
+                    b[at] += sign * offset / L
+                    A.add(source, at, -sign * self._enters(node))
+        for j, (name, inverter) in enumerate(self.inverters.items()):
+            at, V, u = self.slices["current", name], self.slices["voltage", name], slice(2 * j, 2 * j + 2)
+            L = inverter.inductance_henry
+            A.add(at, at, -_matrix(complex(inverter.resistance_ohm, self.w0 * L)) / L)
+            A.add(at, V, -I2 / L)
+            G.add(at, u, I2 / L)  # L I' = u - V - (R + j w0 L) I
+            A.add(V, at, self._enters(name))
+            u0[u] = _pair(inverter.law(0j, 0j, 0j))
+            parts = [V, at]
+            if inverter.rate:
+                own = self.slices["integrator", name]
+                parts.append(own)
+                b[own] += _pair(inverter.rate(0j))
+                A.add(own, V, numpy.array([_pair(inverter.rate(x) - inverter.rate(0j)) for x in (1, 1j)]).T)
+            for where, gain in zip(parts, inverter.gains, strict=False):
+                K.add(u, where, gain)
+            if inverter.tracking is not None:  # the integrator follows what the limits take off: T (sat(u) - u)
+                G.add(own, u, inverter.tracking)
+                for where, gain in zip(parts, inverter.gains, strict=True):
+                    A.add(own, where, -inverter.tracking @ gain)
+                b[own] -= inverter.tracking @ u0[u]
+        for j, name in enumerate(self.loaded):
+            own = slice(2 * j, 2 * j + 2)
+            source, reads, offset = self._voltage(name)
+            S.add(own, source, reads)
+            s[own] = offset
+            D.add(source, own, self._enters(name))
+        self.A, self.G, self.D, self.K, self.S = A.matrix(), G.matrix(), D.matrix(), K.matrix(), S.matrix()
+        self.b, self.k, self.s = b, u0, s
+
+    def _voltage(self, name: str) -> tuple[slice, Array, Array]:
+        """Where a node's voltage is read: the states, the matrix and the constant of V = matrix x + constant."""
+        if name in self.loops:
+            loop = self.loops[name]
+            return self.slices["loop", name], loop.C, loop.reference
+        return self.slices["voltage", name], I2, numpy.zeros(2)
+
+    def _enters(self, name: str) -> Array:
+        """What a current into a node does to the rates of the states there."""
+        return self.loops[name].B if name in self.loops else I2 / self.capacitances[name]
+
     def get(self, x: Array, part: Part) -> complex:
         """The complex number of a part of a state."""
         return complex(*x[self.slices[part]])
 
     def voltage(self, x: Array, name: str) -> complex:
         """The voltage of a node; of a linear loop it is an output: the reference and what the states add."""
-        if name not in self.loops:
-            return self.get(x, ("voltage", name))
-        C, reference = self._loop_parts[name][2:4]
-        d, q = C @ x[self.slices["loop", name]]
-        return complex(reference + complex(d, q))
+        at, reads, offset = self._voltage(name)
+        return complex(*(reads @ x[at] + offset))
 
-    def terminal(self, x: Array, name: str) -> complex:
-        """The voltage that an inverter applies, each axis within its limits."""
-        inverter = self.inverters[name]
-        v = self.get(x, ("integrator", name)) if inverter.rate else 0j
-        u = inverter.law(self.voltage(x, name), self.get(x, ("current", name)), v)
-        if inverter.limits_volt is None:
-            return u
-        d, q = inverter.limits_volt
-        return complex(min(max(u.real, -d), d), min(max(u.imag, -q), q))
+    @cached_property
+    def voltages(self) -> tuple[csr_matrix, Array]:
+        """The matrix and the constant of V = matrix x + constant, all nodes in the order of the spec."""
+        rows, offsets = _Stamps(2 * len(self.nodes), self.size), numpy.zeros(2 * len(self.nodes))
+        for k, name in enumerate(self.nodes):
+            at, reads, offset = self._voltage(name)
+            rows.add(slice(2 * k, 2 * k + 2), at, reads)
+            offsets[2 * k : 2 * k + 2] = offset
+        return rows.matrix(), offsets
+
+    def asked(self, x: Array) -> Array:
+        """The voltages u in volt that the control laws ask for, two for each inverter."""
+        return self.K @ x + self.k
+
+    def drawn(self, x: Array) -> Array:
+        """The currents of the static loads in ampere, two for each node of `loaded`."""
+        V = to_phasors(self.S @ x + self.s)
+        return to_pairs(self.loads.currents(V[None, :])[0])
 
     def rates(self, x: Array) -> Array:
         """dx/dt in V/s, A/s and the like. Shape (n,) to (n,)."""
-        out = numpy.empty(self.size)
-        V = {name: self.voltage(x, name) for name in self.nodes}
-        into = dict.fromkeys(self.nodes, 0j)  # what flows into each node from lines, less what its loads take
-        for part, (start, end, impedance, L) in self.branches.items():
-            current = self.get(x, part)
-            into[start] -= current
-            if end is not None:
-                into[end] += current
-            drop = V[start] - (V[end] if end is not None else 0)
-            self._set(out, part, (drop - impedance * current) / L)
-        for name, load in self.loads.items():
-            into[name] -= load(V[name])
-        for name, inverter in self.inverters.items():
-            current = self.get(x, ("current", name))
-            into[name] += current
-            drop = (inverter.resistance_ohm + 1j * self.w0 * inverter.inductance_henry) * current
-            self._set(out, ("current", name), (self.terminal(x, name) - V[name] - drop) / inverter.inductance_henry)
-            if inverter.rate:
-                self._set(out, ("integrator", name), inverter.rate(V[name]))
-        for name in self.nodes:
-            if name in self.loops:
-                F, B, _, _, mass, shunt = self._loop_parts[name]
-                d = into[name] - shunt * V[name]
-                at = self.slices["loop", name]
-                out[at] = numpy.linalg.solve(mass, F @ x[at] + B @ numpy.array([d.real, d.imag]))
-            else:
-                c = self.capacitances[name]
-                self._set(out, ("voltage", name), into[name] / c - 1j * self.w0 * V[name])
-        return out
+        applied = numpy.clip(self.asked(x), -self.limits, self.limits)
+        return self.A @ x + self.b + self.G @ applied - self.D @ self.drawn(x)
 
-    def _set(self, out: Array, part: Part, value: complex) -> None:
-        out[self.slices[part]] = value.real, value.imag
-
-    def _loop(self, name: str) -> tuple[Any, ...]:
-        """F, B, C, the reference, and what the capacitance beside the loop does: x' has the mass 1 + c B C."""
-        node = self.grid.nodes[self.nodes[name]]
-        loop, dgu = self.loops[name], node.dgu
-        F, B, C = (numpy.array([[float(x) for x in row] for row in a]) for a in (loop.F, loop.B, loop.C))
-        inside = float(dgu.filter.capacitance_farad) if dgu and dgu.filter else 0.0
-        legs = self.capacitances[name] - inside
-        reference = complex(*map(float, dgu.reference_volt)) if dgu else 0j
-        return F, B, C, reference, numpy.eye(len(F)) + legs * B @ C, 1j * self.w0 * legs
+    def load_slopes(self, x: Array) -> csr_matrix:
+        """The part of the Jacobian of the rates that is due to static loads, with its sign. Shape (n, n)."""
+        blocks = self.loads.slopes(to_phasors(self.S @ x + self.s))
+        middle = _Stamps(2 * len(blocks), 2 * len(blocks))
+        for j, block in enumerate(blocks):
+            middle.add(slice(2 * j, 2 * j + 2), slice(2 * j, 2 * j + 2), block)
+        return csr_matrix(-self.D @ middle.matrix() @ self.S)
 
     def jacobian(self, x: Array, share: float = 1e-6) -> Array:
         """d rates / d x by central differences, steps relative to the size of each state. Shape (n, n)."""
@@ -178,32 +234,93 @@ class Plant:
         x = numpy.zeros(self.size)
         for part, at in self.slices.items():
             if part[0] == "voltage":
-                self._set(x, part, voltages[part[1]])
+                x[at] = _pair(voltages[part[1]])
             elif part[0] == "line":
-                self._set(x, part, lines[part[1]])
+                x[at] = _pair(lines[part[1]])
             elif part[0] == "current":
-                self._set(x, part, inverters[part[1]])
+                x[at] = _pair(inverters[part[1]])
             elif part[0] == "branch":
-                self._set(x, part, voltages[part[1]] / self.branches[part][2])
+                x[at] = _pair(voltages[part[1]] / self.branches[part][2])
             elif part[0] == "loop":
-                F, B, C, reference, _, _ = self._loop_parts[part[1]]
+                loop = self.loops[part[1]]
                 # 0 = F x + B d and C x = V - reference: least squares for x and d together
-                n = len(F)
-                A = numpy.block([[F, B], [C, numpy.zeros((2, 2))]])
-                off = voltages[part[1]] - reference
-                x[at] = numpy.linalg.lstsq(A, numpy.array([0.0] * n + [off.real, off.imag]), rcond=None)[0][:n]
+                n = len(loop.F)
+                equations = numpy.block([[loop.F, loop.raw], [loop.C, numpy.zeros((2, 2))]])
+                off = numpy.array(_pair(voltages[part[1]])) - loop.reference
+                x[at] = numpy.linalg.lstsq(equations, numpy.concatenate([numpy.zeros(n), off]), rcond=None)[0][:n]
         for name, inverter in self.inverters.items():
             if inverter.rate:
                 V, current = voltages[name], inverters[name]
-                wanted = V + (inverter.resistance_ohm + 1j * self.w0 * inverter.inductance_henry) * current
-                base = inverter.law(V, current, 0j)
-                gain = numpy.array([_pair(inverter.law(V, current, unit) - base) for unit in (1 + 0j, 1j)]).T
-                self._set(x, ("integrator", name), complex(*numpy.linalg.solve(gain, _pair(wanted - base))))
+                wanted = V + complex(inverter.resistance_ohm, self.w0 * inverter.inductance_henry) * current
+                x[self.slices["integrator", name]] = settled(inverter, V, current, wanted)
         return x
+
+
+class _Stamps:
+    """A sparse matrix to which small blocks are added."""
+
+    def __init__(self, rows: int, columns: int) -> None:
+        self.shape = (rows, columns)
+        self.entries: list[tuple[int, int, Array]] = []
+
+    def add(self, rows: slice, columns: slice, block: Array) -> None:
+        self.entries.append((rows.start, columns.start, block))
+
+    def matrix(self) -> csr_matrix:
+        if not self.entries:
+            return csr_matrix(self.shape)
+        sizes = [block.shape for _, _, block in self.entries]
+        rows = [numpy.repeat(numpy.arange(r, r + a), b) for (r, _, _), (a, b) in zip(self.entries, sizes, strict=True)]
+        columns = [numpy.tile(numpy.arange(c, c + b), a) for (_, c, _), (a, b) in zip(self.entries, sizes, strict=True)]
+        values = [block.reshape(-1) for _, _, block in self.entries]
+        where = (numpy.concatenate(rows), numpy.concatenate(columns))
+        result = csr_matrix((numpy.concatenate(values), where), shape=self.shape)
+        result.eliminate_zeros()
+        return result
+
+
+class _Loop:
+    """A linear loop x' = F x + B d, V = C x + reference beside the capacitances of its lines' legs.
+
+    These take c (V' + j w0 V) off d, so x' has the mass 1 + c B C: `own` is F with that, `B` and `constant` likewise;
+    `raw` is B as it is given.
+    """
+
+    def __init__(self, dgu: Dgu, loop: LinearLoop, capacitance_farad: float, w0: float) -> None:
+        self.F, self.raw, self.C = (
+            numpy.array([[float(x) for x in row] for row in a]) for a in (loop.F, loop.B, loop.C)
+        )
+        self.reference = numpy.array([*map(float, dgu.reference_volt)])
+        self.legs_farad = capacitance_farad - (float(dgu.filter.capacitance_farad) if dgu.filter else 0.0)
+        mass = numpy.eye(len(self.F)) + self.legs_farad * self.raw @ self.C
+        self.own = numpy.linalg.solve(mass, self.F - w0 * self.legs_farad * self.raw @ J @ self.C)
+        self.B = numpy.linalg.solve(mass, self.raw)
+        self.constant = -w0 * self.legs_farad * self.B @ J @ self.reference
+
+
+def to_phasors(pairs: Array) -> Phasors:
+    """(d, q, d, q, ..) along the last axis as complex numbers, half as many."""
+    return numpy.ascontiguousarray(pairs).view(complex)
+
+
+def to_pairs(phasors: Phasors) -> Array:
+    """The inverse of `to_phasors`."""
+    return numpy.ascontiguousarray(phasors).view(float)
 
 
 def _pair(z: complex) -> tuple[float, float]:
     return z.real, z.imag
+
+
+def _matrix(z: complex) -> Array:
+    """Multiplication by a complex number, as a real matrix."""
+    return z.real * I2 + z.imag * J
+
+
+def settled(inverter: Inverter, V: complex, current: complex, wanted: complex) -> Array:
+    """The state of the integrator with which the control law asks for a voltage. Raises: LinAlgError if none does."""
+    missing = wanted - inverter.law(V, current, 0j)
+    return numpy.linalg.solve(inverter.gains[2], numpy.array(_pair(missing)))
 
 
 def _apply(K: Any, z: complex) -> complex:
@@ -231,9 +348,19 @@ def _inverter(dgu: Dgu) -> Inverter:
         raise ValueError("an inverter needs a filter")
     reference = complex(*map(float, dgu.reference_volt))
     limits = (float(dgu.limits_volt[0]), float(dgu.limits_volt[1])) if dgu.limits_volt else None
-    R, L = float(dgu.filter.resistance_ohm), float(dgu.filter.inductance_henry)
+    R, L, C = map(float, (dgu.filter.resistance_ohm, dgu.filter.inductance_henry, dgu.filter.capacitance_farad))
     law, rate = _law(dgu.controller, reference)
-    return Inverter(R, L, law, rate, limits)
+    linear, _ = _law(dgu.controller, 0j)  # what is linear in it, without digits lost to the reference
+    unit = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    gains = tuple(
+        numpy.array([_pair(linear(*(complex(x) for x in e))), _pair(linear(*(1j * x for x in e)))]).T for e in unit
+    )
+    tracking = None
+    time = getattr(dgu, "anti_windup_second", None)
+    if time is not None and rate:
+        # T K13 v' = .. + sat(u) - u; xi = -v has the sign of its own gain in `gains`
+        tracking = numpy.linalg.inv(gains[2]) / float(time)
+    return Inverter(R, L, C, law, (gains[0], gains[1], gains[2]), rate, limits, tracking)
 
 
 def _law(controller: Any, reference: complex) -> tuple[Law, Callable[[complex], complex] | None]:
@@ -281,45 +408,3 @@ def _ida_pbc(law: IdaPbc, reference: complex) -> Law:
         )
 
     return u
-
-
-def static_load(node: Node) -> Callable[[complex], complex]:
-    """The current in ampere that all static loads of a node draw at a voltage: (P - jQ) / v^2 V, summed up."""
-    parts = [_power_law(load) for load in node.loads]
-    current = _current_law(node) if node.current else None
-
-    def drawn(V: complex) -> complex:
-        total = current(V) if current else 0j
-        v = abs(V)
-        for power, cutoff in parts:
-            at = max(v, cutoff)
-            if at:  # no voltage, no direction of a current
-                total += power(at).conjugate() / at**2 * V
-        return total
-
-    return drawn
-
-
-def _power_law(load: ZipLoad | ExpLoad) -> tuple[Callable[[float], complex], float]:
-    """P + jQ in VA at a voltage, and the voltage below which the load is the impedance that it is there."""
-    cutoff = float(load.cutoff_volt) if load.cutoff_volt is not None else 0.0
-    if isinstance(load, ZipLoad):
-        Y, I0, P = (complex(*map(float, pair)) for pair in (load.Y, load.I, load.P))
-        return lambda v: Y * v * v + I0 * v + P, cutoff
-    P0, Q0, V0 = float(load.P0_watt), float(load.Q0_var), float(load.V0_volt)
-    np_, nq = float(load.np), float(load.nq)
-    return lambda v: complex(P0 * (v / V0) ** np_, Q0 * (v / V0) ** nq), cutoff
-
-
-def _current_law(node: Node) -> Callable[[complex], complex]:
-    """A load given by formulas of its current, as numbers."""
-    law = node.current.law if node.current else None
-    if law is None:
-        raise ValueError("no load of this node is given by its current")
-    polynomials = [[(i, j, float(c)) for (i, j), c in p] for p in (*law.numerators, law.denominator)]
-
-    def drawn(V: complex) -> complex:
-        d, q, below = (sum(c * V.real**i * V.imag**j for i, j, c in p) for p in polynomials)
-        return complex(d, q) / below
-
-    return drawn
