@@ -12,7 +12,7 @@ each complex number next to each other (`Plant.slices` has the places).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -62,10 +62,11 @@ class Plant:
     """x' = rates(x) for a whole microgrid, at the values of the spec (tolerances are of no account).
 
     `u` has two components for each inverter, in the order of `inverters`; `limits` is their bound in volt, infinite
-    without one. `loaded` names the nodes with static loads.
+    without one. `loaded` names the nodes with static loads. `numbers` may give other names than 0, 1, .. to the series
+    R-L loads of a node, so that they keep theirs when some are off.
     """
 
-    def __init__(self, grid: Microgrid) -> None:
+    def __init__(self, grid: Microgrid, numbers: Mapping[str, Sequence[str]] | None = None) -> None:
         self.grid, self.w0 = grid, float(grid.w0)
         self.nodes = {node.name: k for k, node in enumerate(grid.nodes)}
         self.slices: dict[Part, slice] = {}
@@ -84,15 +85,16 @@ class Plant:
                 self._place(("current", node.name), 2)
                 if inverter.rate:
                     self._place(("integrator", node.name), 2)
-        for name, loop in self.loops.items():
-            self._place(("loop", name), len(loop.F))
         # Lines, and series R-L loads, the other end of which is grounded: start, end, R + j w0 L, L.
         self.branches: dict[Part, tuple[str, str | None, complex, float]] = {}
         for line in grid.lines:
             self._add_branch(("line", line.name), line.branch, line.start, line.end)
         for node in grid.nodes:
-            for k, branch in enumerate(node.branches):
-                self._add_branch(("branch", node.name, str(k)), branch, node.name, None)
+            names = (numbers or {}).get(node.name) or [str(k) for k in range(len(node.branches))]
+            for k, branch in zip(names, node.branches, strict=True):
+                self._add_branch(("branch", node.name, k), branch, node.name, None)
+        for name, loop in self.loops.items():  # last: they may have an odd number of states
+            self._place(("loop", name), len(loop.F))
         loaded = [node for node in grid.nodes if node.has_static_load]
         self.loaded, self.loads = [node.name for node in loaded], StaticLoads(loaded)
         bounds = [inverter.limits_volt or (numpy.inf, numpy.inf) for inverter in self.inverters.values()]
