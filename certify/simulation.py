@@ -16,23 +16,16 @@ from certify.kernel.reader import read_document
 from certify.kernel.spec import Microgrid, decode
 from certify.phases import Phase, read_phases
 from certify.simulate.motion import Diverged, Follower, Piece
-from certify.simulate.plant import Array, Part, Plant
-from certify.simulate.resets import Switchboard, after_events, start_state
+from certify.simulate.plant import TITLES, Array, Part, Plant
+from certify.simulate.resets import Switchboard, after_events
 from certify.simulate.scenario import decode_scenarios
+from certify.simulate.starts import start_state
 
 DEFAULT_END = Fraction(1)
 DEFAULT_SAMPLES = 1000
 TOLERANCE = 1e-8
 MAX_NUMBERS = 1 << 27  # of all samples together: 1 GiB
 AXES = ("d", "q")
-TITLES = {
-    "voltage": "voltage at node {0}",
-    "current": "current of the DGU at node {0}",
-    "integrator": "integrator of the DGU at node {0}",
-    "line": "current in line {0}",
-    "branch": "current of R-L load {1} at node {0}",
-    "loop": "state of the loop at node {0}",
-}
 Progress = Callable[[float, float], None]
 
 

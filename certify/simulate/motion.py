@@ -15,7 +15,8 @@ from scipy.optimize import brentq, minimize_scalar
 
 from certify.simulate.exponential import Exponential, Modes
 from certify.simulate.flow import Flow, find_rest, flow_at
-from certify.simulate.plant import Array, Plant
+from certify.simulate.plant import TITLES, Array, Plant, to_phasors
+from certify.simulate.starts import flat_state
 
 LOOKS = 32  # at the limits within a window
 SLACK = 1e-10  # of a limit, by which it is passed before a piece ends: so that a piece does not end as it begins
@@ -27,11 +28,11 @@ METHODS = ("exponential", "collocation")
 
 
 class Diverged(Exception):
-    """The motion has left all bounds: `at_second`, `part` and the `value` it has there."""
+    """The motion cannot be followed beyond `at_second`: it has left all bounds, or the law of a load ends there."""
 
-    def __init__(self, at_second: float, part: str, value: float) -> None:
-        super().__init__(f"diverged at t = {at_second:.9g} s: {part} is at {value:.3g}")
-        self.at_second, self.part, self.value = at_second, part, value
+    def __init__(self, at_second: float, reason: str) -> None:
+        super().__init__(f"diverged at t = {at_second:.9g} s: {reason}")
+        self.at_second, self.reason = at_second, reason
 
 
 class Window(Protocol):
@@ -79,7 +80,10 @@ class Follower:
 
     def __init__(self, plant: Plant, x: Array, tolerance: float, method: str | None = None) -> None:
         self.plant, self.tolerance = plant, tolerance
-        self.rest = find_rest(Flow(plant, numpy.zeros(len(plant.limits))), x)
+        free = Flow(plant, numpy.zeros(len(plant.limits)))
+        self.rest = find_rest(free, x)
+        if self.rest is None:
+            self.rest = find_rest(free, flat_state(plant))
         self.natural = natural_sizes(plant, self.rest)
         self.guarded = numpy.flatnonzero(numpy.isfinite(plant.limits))
         self.rows = plant.K[self.guarded].toarray() if len(self.guarded) else numpy.zeros((0, plant.size))
@@ -90,9 +94,8 @@ class Follower:
     def pieces(self, x: Array, start: float, end: float) -> Iterator[Piece]:
         """The motion from a state at `start`, in s, up to `end`. Raises: Diverged."""
         flow, now = flow_at(self.plant, x), start
-        weights = numpy.maximum(_moduli(x), SMALLEST * self.natural)
-        if self.rest is not None:
-            weights = numpy.maximum(weights, _moduli(self.rest))
+        rest = self.rest if self.rest is not None and self.method == "exponential" else numpy.zeros_like(x)
+        weights = numpy.maximum(_moduli(x - rest), SMALLEST * self.natural)
         while now < end:
             stepper = self._stepper(flow, x, end - start)
             offset = now
@@ -111,7 +114,7 @@ class Follower:
                 self.windows += 1
                 yield piece
                 x, now = piece.last, until
-                weights = numpy.maximum(weights, _moduli(x))
+                weights = numpy.maximum(weights, _moduli(x - rest))
                 if not (numpy.abs(x) <= BOUND * self.natural).all():
                     raise self._diverged(now, x)
                 if crossed >= 0:
@@ -177,9 +180,20 @@ class Follower:
         return time, int(self.guarded[g])
 
     def _diverged(self, time: float, x: Array) -> Diverged:
-        worst = int(numpy.argmax(numpy.nan_to_num(numpy.abs(x) / self.natural, nan=numpy.inf)))
+        """Why the motion ends: a load without a cut-off that draws its power at no voltage, or the largest state."""
+        V = numpy.abs(to_phasors(self.plant.loaded_voltages(x)))
+        drawn = numpy.abs(to_phasors(self.plant.drawn(x)))
+        beyond = numpy.abs(x) / self.natural
+        if len(V) and numpy.isfinite(x).all() and beyond.max() <= BOUND:
+            if not numpy.isfinite(drawn).all():
+                k = int(numpy.argmin(numpy.isfinite(drawn)))
+                return Diverged(time, f"the load of node {self.plant.loaded[k]} has no current at {V[k]:.3g} V")
+            k = int(numpy.argmin(V))
+            reason = f"the loads of node {self.plant.loaded[k]} draw {drawn[k]:.3g} A at {V[k]:.3g} V"
+            return Diverged(time, f"{reason}; no step is short enough from here")
+        worst = int(numpy.argmax(numpy.nan_to_num(beyond, nan=numpy.inf)))
         part = next(part for part, at in self.plant.slices.items() if at.start <= worst < at.stop)
-        return Diverged(time, " ".join(part), float(x[worst]))
+        return Diverged(time, f"{TITLES[part[0]].format(*part[1:])} has reached {x[worst]:.3g} in size")
 
 
 def natural_sizes(plant: Plant, rest: Array | None) -> Array:

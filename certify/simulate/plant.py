@@ -36,6 +36,15 @@ Array = NDArray[numpy.floating[Any]]
 Phasors = NDArray[numpy.complex128]
 Law = Callable[[complex, complex, complex], complex]
 Part = tuple[str, ...]  # ("voltage", node), ("current", node), ("integrator", node), ("loop", node), ("line", name), ..
+# How parts are called, by their kind and names.
+TITLES = {
+    "voltage": "voltage at node {0}",
+    "current": "current of the DGU at node {0}",
+    "integrator": "integrator of the DGU at node {0}",
+    "line": "current in line {0}",
+    "branch": "current of R-L load {1} at node {0}",
+    "loop": "state of the loop at node {0}",
+}
 I2 = numpy.eye(2)
 J = numpy.array([[0.0, -1.0], [1.0, 0.0]])  # multiplication by j
 
@@ -192,19 +201,25 @@ class Plant:
             offsets[2 * k : 2 * k + 2] = offset
         return rows.matrix(), offsets
 
+    # Of one state, (n,), or of many, (t, n).
+
     def asked(self, x: Array) -> Array:
         """The voltages u in volt that the control laws ask for, two for each inverter."""
-        return self.K @ x + self.k
+        return (self.K @ x.T).T + self.k
+
+    def loaded_voltages(self, x: Array) -> Array:
+        """The voltages of the nodes in `loaded`, two for each, in volt."""
+        return (self.S @ x.T).T + self.s
 
     def drawn(self, x: Array) -> Array:
         """The currents of the static loads in ampere, two for each node of `loaded`."""
-        V = to_phasors(self.S @ x + self.s)
-        return to_pairs(self.loads.currents(V[None, :])[0])
+        V = self.loaded_voltages(x)
+        return to_pairs(self.loads.currents(to_phasors(numpy.atleast_2d(V)))).reshape(V.shape)
 
     def rates(self, x: Array) -> Array:
-        """dx/dt in V/s, A/s and the like. Shape (n,) to (n,)."""
+        """dx/dt in V/s, A/s and the like. Shape (n,) to (n,), or (t, n) to (t, n)."""
         applied = numpy.clip(self.asked(x), -self.limits, self.limits)
-        return self.A @ x + self.b + self.G @ applied - self.D @ self.drawn(x)
+        return (self.A @ x.T).T + self.b + (self.G @ applied.T).T - (self.D @ self.drawn(x).T).T
 
     def load_slopes(self, x: Array) -> csr_matrix:
         """The part of the Jacobian of the rates that is due to static loads, with its sign. Shape (n, n)."""
