@@ -10,7 +10,7 @@ change is a tuple, such as
 
 Between events each way of being saturated (and of being above or below the cut-offs of loads) is a smooth system of its own:
 an axis of a terminal voltage is free or held, and the integration stops and starts anew where that changes. The method is
-DOP853 where its stability costs little, and Radau with the analytic Jacobian otherwise. Samples are not interpolated, but
+DOP853 while it is cheap or the network rings, and Radau with the analytic Jacobian afterwards. Samples are not interpolated, but
 integrated up to. The tolerance of a state is `rtol` times the largest modulus that its part has had so far.
 
 States are real, d and q of each complex number next to each other, in the frame that turns at w0.
@@ -46,7 +46,8 @@ J = np.array([[0.0, -1.0], [1.0, 0.0]])
 E = np.eye(2)
 RTOL = 1e-11
 SWITCH = 1e-11  # by how much of itself a limit is passed before a mode changes
-EXPLICIT_COST = 60_000  # steps of DOP853 that a stretch may take before Radau is tried instead
+CHEAP, DEAR = 15_000, 60_000  # steps of DOP853 that are taken without asking, and at most
+RINGING, DEAD = 3e3, 30.0  # rad/s from which on an oscillation rings, and the e-folds after which it does no more
 PROBES = np.linspace(0, 1, 9)[1:]  # where, within a step, limits are looked at
 
 
@@ -637,12 +638,10 @@ class Stretch:
         while pending and pending[0] == self.t:
             record(pending.pop(0), self.phase, self.x)
         mode, first = self.phase.mode(self.x), None
-        method = self.method
+        handover = self.handover(self.phase.system(mode)) if self.method == "auto" else self.end
         while self.t < self.end:
             system = self.phase.system(mode)
-            if self.method == "auto":
-                fastest = max(abs(np.linalg.eigvals(system.jacobian(self.t, self.x))))
-                method = "DOP853" if fastest * (self.end - self.t) / 5 < EXPLICIT_COST else "Radau"
+            method = self.method if self.method != "auto" else "DOP853" if self.t < handover else "Radau"
             solver = self.solver(system, self.t, self.x, self.end, first, method)
             self.counts["restarts"] = self.counts.get("restarts", 0) + 1
             while self.t < self.end:
@@ -663,7 +662,18 @@ class Stretch:
                     mode = (*mode[:k], self.phase.guards[k].change(mode[k], x), *mode[k + 1 :])
                     break
                 solver.atol = self.rtol * self.scale()
+                if method == "DOP853" and self.t >= handover:
+                    break
         return self.x
+
+    def handover(self, system: System) -> float:
+        """Until when DOP853 is to be used: to the end if that is cheap, else until ringing has died out."""
+        modes = np.linalg.eigvals(system.jacobian(self.t, self.x))
+        steps_per_second = max(abs(modes)) / 4
+        if (self.end - self.t) * steps_per_second < CHEAP:
+            return self.end
+        ringing = [-z.real for z in modes if abs(z.imag) > RINGING and z.real < 0]
+        return self.t + min(DEAD / min(ringing, default=np.inf), DEAR / steps_per_second)
 
     def to(self, system: System, t: float, step: float, method: str) -> Vector:
         """The state at t, integrated from the last step's start, which is not more than a step before."""
