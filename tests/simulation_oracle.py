@@ -44,7 +44,7 @@ Affine = tuple[Vector, Vector]  # M (2, n) and c (2,): the value M x + c
 
 J = np.array([[0.0, -1.0], [1.0, 0.0]])
 E = np.eye(2)
-RTOL = 1e-11
+RTOL = 1e-12
 SWITCH = 1e-11  # by how much of itself a limit is passed before a mode changes
 CHEAP, DEAR = 15_000, 60_000  # steps of DOP853 that are taken without asking, and at most
 RINGING, DEAD = 3e3, 30.0  # rad/s from which on an oscillation rings, and the e-folds after which it does no more
@@ -350,6 +350,11 @@ class Phase:
                 self.G[me, k : k + 2] = input_
         self.terms: list[list[Term]] = [self._terms(name, V[name]) for name in self.loaded]
         self.A, self.b, self.V = A, b, V
+        if self.guards:
+            rows = [np.vstack([g.M, 0 * g.M]) if g.kind == "axis" else g.M for g in self.guards]
+            shifts = [np.append(g.c, 0.0) if g.kind == "axis" else g.c for g in self.guards]
+            kinds = np.array([g.kind == "axis" for g in self.guards])
+            self.fences = kinds, np.array([g.limit for g in self.guards]), np.vstack(rows), np.concatenate(shifts)
 
     def _terms(self, name: str, V: Affine) -> list[Term]:
         out = []
@@ -372,6 +377,21 @@ class Phase:
 
     def mode(self, x: Vector) -> tuple[int, ...]:
         return tuple(guard.natural(x) for guard in self.guards)
+
+    def near(self, mode: tuple[int, ...], x: Vector, y: Vector, slope: Vector, span: float) -> list[int]:
+        """The guards that a step from x to y, with this slope at its end, may have met in between; generously."""
+        if not self.guards:
+            return []
+        axis, limit, M, c = self.fences
+        signs = np.array(mode)
+        at = M @ np.stack([x, y, y - x, span * slope], 1)
+        at[:, :2] += c[:, None]
+        sizes = np.hypot(at[0::2], at[1::2])  # of an axis, the second row is zero
+        travel = 3 * (sizes[:, 2] + sizes[:, 3])
+        along = np.where((axis & (signs != 0))[:, None], signs[:, None] * at[0::2, :2], sizes[:, :2])
+        inside = np.where(axis, signs == 0, signs == 1)
+        margin = np.where(inside, limit - along.max(1), along.min(1) - limit)
+        return [int(k) for k in np.flatnonzero(margin < travel)]
 
     def system(self, mode: tuple[int, ...]) -> System:
         if mode not in self._systems:
@@ -475,22 +495,31 @@ class Law:
             return [(i, j, float(c)) for (i, j), c in p]
 
         self.tops, self.bottom = [terms(p) for p in law.numerators], terms(law.denominator)
+        self.degree = max([i + j for p in (*self.tops, self.bottom) for i, j, _ in p], default=0)
 
-    @staticmethod
-    def value(p: list[tuple[int, int, float]], V: complex) -> tuple[float, float, float]:
-        """p and its two derivatives."""
-        d, q = V.real, V.imag
-        by_d = sum(i * c * d ** (i - 1) * q**j for i, j, c in p if i)
-        by_q = sum(j * c * d**i * q ** (j - 1) for i, j, c in p if j)
-        return sum(c * d**i * q**j for i, j, c in p), by_d, by_q
+    def powers(self, V: complex) -> tuple[list[float], list[float]]:
+        """Of both components; by products, which overflow to infinity without an error."""
+        out: tuple[list[float], list[float]] = [1.0], [1.0]
+        for listed, x in zip(out, (float(V.real), float(V.imag)), strict=True):
+            for _ in range(self.degree):
+                listed.append(listed[-1] * x)
+        return out
 
     def current(self, V: complex) -> complex:
-        a, b = (self.value(p, V)[0] for p in self.tops)
-        return complex(a, b) / self.value(self.bottom, V)[0]
+        d, q = self.powers(V)
+        a, b, below = (sum(c * d[i] * q[j] for i, j, c in p) for p in (*self.tops, self.bottom))
+        return complex(a / below, b / below)
 
     def jacobian(self, V: complex) -> Vector:
-        below, by_d, by_q = self.value(self.bottom, V)
-        rows = [self.value(p, V) for p in self.tops]
+        d, q = self.powers(V)
+
+        def value(p: list[tuple[int, int, float]]) -> tuple[float, float, float]:
+            """p and its two derivatives."""
+            by_d = sum(i * c * d[i - 1] * q[j] for i, j, c in p if i)
+            by_q = sum(j * c * d[i] * q[j - 1] for i, j, c in p if j)
+            return sum(c * d[i] * q[j] for i, j, c in p), by_d, by_q
+
+        (below, by_d, by_q), *rows = (value(p) for p in (self.bottom, *self.tops))
         return np.array([[pd / below - p * by_d / below**2, pq / below - p * by_q / below**2] for p, pd, pq in rows])
 
 
@@ -613,8 +642,8 @@ class Stretch:
     peaks: dict[Part, float]
     counts: dict[str, int]
 
-    def solver(self, system: System, t: float, x: Vector, end: float, first: float | None, method: str) -> Any:
-        rest = {"rtol": self.rtol, "atol": self.rtol * self.scale(), "first_step": first and min(first, end - t)}
+    def solver(self, system: System, t: float, x: Vector, end: float, first: float, method: str) -> Any:
+        rest = {"rtol": self.rtol, "atol": self.rtol * self.scale(), "first_step": min(first, end - t)}
         if method == "DOP853":
             return DOP853(system.rates, t, x, end, **rest)
         return Radau(system.rates, t, x, end, jac=system.jacobian, **rest)
@@ -637,8 +666,11 @@ class Stretch:
         pending = list(samples)
         while pending and pending[0] == self.t:
             record(pending.pop(0), self.phase, self.x)
-        mode, first = self.phase.mode(self.x), None
-        handover = self.handover(self.phase.system(mode)) if self.method == "auto" else self.end
+        mode = self.phase.mode(self.x)
+        system = self.phase.system(mode)
+        modes = np.linalg.eigvals(system.jacobian(self.t, self.x))
+        first = 0.1 / max(abs(modes))
+        handover = self.handover(modes) if self.method == "auto" else self.end
         while self.t < self.end:
             system = self.phase.system(mode)
             method = self.method if self.method != "auto" else "DOP853" if self.t < handover else "Radau"
@@ -666,9 +698,8 @@ class Stretch:
                     break
         return self.x
 
-    def handover(self, system: System) -> float:
+    def handover(self, modes: Vector) -> float:
         """Until when DOP853 is to be used: to the end if that is cheap, else until ringing has died out."""
-        modes = np.linalg.eigvals(system.jacobian(self.t, self.x))
         steps_per_second = max(abs(modes)) / 4
         if (self.end - self.t) * steps_per_second < CHEAP:
             return self.end
@@ -686,35 +717,34 @@ class Stretch:
 
     def crossing(self, mode: tuple[int, ...], solver: Any) -> tuple[float, int] | None:
         """Where in the last step the mode first has to change, and which of its guards says so."""
-        dense, span = solver.dense_output(), solver.t - self.t
-        for a, b in zip((0.0, *PROBES[:-1]), PROBES, strict=True):
-            late = solver.y if b == 1 else dense(self.t + b * span)
-            found = []
-            for k, guard in enumerate(self.phase.guards):
-                if guard.violation(mode[k], late) <= 0:
-                    continue
-                early = self.x if a == 0 else dense(self.t + a * span)
-                if guard.violation(mode[k], early) > 0:
-                    found.append((self.t + a * span, k))
-                    continue
-                left, right = self.t + a * span, self.t + b * span
-
-                def f(
-                    t: float,
-                    guard: Guard = guard,
-                    k: int = k,
-                    left: float = left,
-                    right: float = right,
-                    early: Vector = early,
-                    late: Vector = late,
-                ) -> float:
-                    x = early if t == left else late if t == right else dense(t)
-                    return guard.violation(mode[k], x)
-
-                found.append((brentq(f, left, right, xtol=1e-16, rtol=1e-15), k))
+        span = solver.t - self.t
+        near = self.phase.near(mode, self.x, solver.y, solver.f, span)
+        if not near:
+            return None
+        dense = solver.dense_output()
+        times = [self.t, *(self.t + share * span for share in PROBES[:-1]), solver.t]
+        states = [self.x, *dense(np.array(times[1:-1])).T, solver.y]
+        for k in range(len(times) - 1):
+            found = [
+                (self.root(self.phase.guards[i], mode[i], dense, times[k : k + 2], states[k : k + 2]), i)
+                for i in near
+                if self.phase.guards[i].violation(mode[i], states[k + 1]) > 0
+            ]
             if found:
                 return min(found)
         return None
+
+    @staticmethod
+    def root(guard: Guard, mode: int, dense: Any, times: Sequence[float], states: Sequence[Vector]) -> float:
+        """When the guard is first violated between two times, at the latter of which it is."""
+        (left, right), (early, late) = times, states
+        if guard.violation(mode, early) >= 0:
+            return left
+
+        def value(t: float) -> float:
+            return guard.violation(mode, early if t == left else late if t == right else dense(t))
+
+        return float(brentq(value, left, right, xtol=1e-16, rtol=1e-15))
 
 
 def run(
@@ -778,7 +808,8 @@ def run(
             floor = volts * tiny * (0.01 if part[0] == "integrator" else 1)
             peaks[part] = max(peaks.get(part, floor), float(np.linalg.norm(x[place])))
         stretch = Stretch(phase, x, left, right, rtol, method, peaks, counts)
-        x = stretch.run([t for t in dict.fromkeys(times) if left <= t < right], record)
+        with np.errstate(over="ignore", invalid="ignore"):  # steps that are far too long are rejected anyway
+            x = stretch.run([t for t in dict.fromkeys(times) if left <= t < right], record)
     if times and times[-1] == end:
         record(end, phase, x)
     return out
