@@ -306,6 +306,17 @@ STYLES = (
         shunt_nf=80,
         together=True,
     ),
+    Style(  # an inverter hands over while it is held at its limits
+        3,
+        400,
+        {0: "phs-dq", 2: "full"},
+        ("exp", "rl"),
+        ("controller", "reference", "connect-dgu-discharged"),
+        150,
+        limits={0: (0.98, 1.02), 2: (1.02, 1.2)},
+        windup_ms={0: 20},
+        shunt_nf=2000,
+    ),
 )
 
 
