@@ -795,7 +795,7 @@ def run(
         out[part][rows] = value
 
     edges = sorted({0.0, *(float(t) for t, _ in changes), float(end)})
-    if edges[0] < 0 or edges[-1] > end:
+    if edges[0] < 0 or any(t >= end for t, _ in changes):
         raise ValueError("changes outside of the run")
     for left, right in pairwise(edges):
         for time, listed in changes:
