@@ -159,6 +159,15 @@ _ALL = (
         "check the signs in F; leave out states that have no effect",
     ),
     Diagnostic(
+        "S212",
+        "anti-windup that cannot act",
+        "Back-calculation moves the integrators by K13^-1 (sat(u) - u)/T while an axis is at its limit: it needs "
+        "limits, and an integral gain K13 that can be inverted (for ida-pbc alpha and ki not zero on both axes).",
+        "give limits and a controller with integral action on both axes, or leave anti_windup out",
+        'dgu = { filter = "lc", controller = "pi", reference = ["20 kV", 0], limits = ["25 kV", "25 kV"], '
+        'anti_windup = "20 ms" }',
+    ),
+    Diagnostic(
         "S301", "line to nowhere", "Both ends of a line are names of nodes.", "define the node, or mend the name"
     ),
     Diagnostic("S302", "self-loop", "A line joins two different nodes.", "mend `from` or `to`"),
