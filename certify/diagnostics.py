@@ -211,6 +211,29 @@ _ALL = (
         'disconnected = ["5"]\nevent = [{ at = "4 s", connect = "5" }, { at = "6 s", disconnect = "5" }]',
     ),
     Diagnostic(
+        "S314",
+        "not the index of a load",
+        "A load is named by its node and its place in the node's list of loads as it stands in the spec, counted from "
+        "0, whatever is off.",
+        "mend `index`, or leave it out for the first load",
+        'disconnected = [{ load = "8", index = 1 }]\nevent = [{ at = "4 s", connect = { load = "8", index = 1 } }]',
+    ),
+    Diagnostic(
+        "S315",
+        "a controller with other states",
+        "An event may give a DGU another controller whose integrator can take over. A linear loop has states of its "
+        "own, of which nothing is known but their number: it can only be changed for one with as many.",
+        "take a controller of such a kind, or disconnect this DGU and connect another",
+        'event = [{ at = "4 s", controller = "5", set = "pi" }]',
+    ),
+    Diagnostic(
+        "S316",
+        "a discharged filter under a linear loop",
+        "F, B and C of a linear loop hold plant and controller in one; at which of its states the filter is discharged "
+        "is not known.",
+        'leave out filter = "discharged", or give the DGU a controller of another kind',
+    ),
+    Diagnostic(
         "S312",
         "a name of two things",
         "Events name a DGU by its node, so they cannot tell it from a line of the same name.",
@@ -219,9 +242,9 @@ _ALL = (
     Diagnostic(
         "S313",
         "a load that events cannot change",
-        "An event sets coefficients of the first load of a node: of a ZIP load Y, I, P, of an exponential one P0, np, "
-        "Q0, nq.",
-        "put a zip or exp load first in the list of the node's loads",
+        "An event sets coefficients of a load: of a ZIP load Y, I, P, of an exponential one P0, np, Q0, nq, of a "
+        "series R-L load R, L.",
+        "name a zip, exp or rl load by its `index`, counted from 0 in the list of the node's loads",
         'event = [{ at = "5 s", load = "5", set = { Y = ["120 uS", "120 uS"] } }]',
     ),
     Diagnostic(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from certify.certificate import Certificate, prove
 from certify.cli import main
@@ -18,9 +21,10 @@ from certify.jumps import Jump, find_jumps
 from certify.kernel.claims import Claim
 from certify.kernel.errors import Rejected, SpecError
 from certify.kernel.model import node_capacitances
-from certify.kernel.spec import ExpLoad, IdaPbc, Microgrid, Node, StateFeedback, ZipLoad, components, decode
+from certify.kernel.spec import ExpLoad, IdaPbc, LinearLoop, Microgrid, Node, StateFeedback, ZipLoad, components, decode
 from certify.phases import Phase, read_phases
 from certify.report.files import write_folder
+from certify.simulate.scenario import Target
 from tests.test_bad_input import GOOD
 
 CIGRE, PRINTED = "specs/cigre-mv.toml", "specs/cigre-mv-as-printed.toml"
@@ -67,6 +71,24 @@ R = 0.25
 L = "0.5 mH"
 C = "2 uF"
 """
+
+
+LOADS = 'load = [{ kind = "zip", Y = ["75 uS", "75 uS"] }, { kind = "exp", P0 = "5 kW", np = 1.5 }]'
+CURRENT = '{ kind = "current", I = ["Vd/50", "Vq/50"], centre = ["1 pu", 0], radius = "0.2 pu" }'
+LOOP = GOOD.replace(
+    "[line_type.overhead]",
+    """[controller.loop]
+kind = "linear"
+F = [[-100, 0], [0, -100]]
+B = [["1/C", 0], [0, "1/C"]]
+C = [[1, 0], [0, 1]]
+[controller.more]
+kind = "linear"
+F = [[-100, 0, 0], [0, -100, 0], [0, 0, -1]]
+B = [["1/C", 0], [0, "1/C"], [0, 0]]
+C = [[1, 0, 0], [0, 1, 0]]
+[line_type.overhead]""",
+).replace('controller = "phs"', 'controller = "loop"')
 
 
 def with_scenario(text: str, base: str = SMALL) -> bytes:
@@ -158,9 +180,199 @@ def test_the_order_of_the_spec_need_not_be_that_of_time() -> None:
     assert [p.off for p in phases] == [(), ("a",), ()]
 
 
+# Loads that are switched one by one; other references and controllers
+
+MANY = SMALL.replace(
+    '{ kind = "rl", R = 30, L = "50 mH" }',
+    '{ kind = "rl", R = 30, L = "50 mH" }, { kind = "exp", P0 = "100 W", np = 2 }, { kind = "rl", R = 40, L = "80 mH" }',
+)
+
+
+def test_loads_are_named_as_the_spec_counts_them_whatever_is_off() -> None:
+    phases = phases_of(
+        """disconnected = [{ load = "b", index = 1 }, "ab"]
+event = [
+  { at = 1, disconnect = { load = "b" } },
+  { at = 1, load = "b", index = 3, set = { R = "55 ohm" } },
+  { at = 2, connect = { load = "b", index = 1 } },
+  { at = 2, load = "b", set = { Y = ["7 mS", 0] } },
+  { at = 2, load = "b", index = 2, set = { P0 = 250 } },
+  { at = 3, connect = { load = "b", index = 0 } },
+  { at = 4, disconnect = { load = "c" } },
+]""",
+        MANY,
+    )
+    assert [phase.off for phase in phases] == [
+        ("load 1 at node b", "ab"),
+        ("load 1 at node b", "ab", "load 0 at node b"),
+        ("ab", "load 0 at node b"),
+        ("ab",),
+        ("ab", "load 0 at node c"),
+    ]
+    whole = decode(MANY.encode()).nodes[1]
+    grids = [decode(phase.spec) for phase in phases]
+    nodes = [grid.nodes[1] for grid in grids]
+    shape = [(len(node.loads), [branch.resistance_ohm for branch in node.branches]) for node in nodes]
+    assert shape == [(2, [40]), (1, [55]), (1, [30, 55]), (2, [30, 55]), (2, [30, 55])]
+    assert nodes[0].loads == whole.loads
+    assert nodes[3].branches[1] == replace(whole.branches[1], resistance_ohm=Fraction(55))
+    zips, exps = ([load for load in nodes[3].loads if isinstance(load, kind)] for kind in (ZipLoad, ExpLoad))
+    assert (zips[0].Y, exps[0].P0_watt) == ((Fraction(7, 1000), 0), 250)  # that of index 0 was set while it was off
+    assert [node.loads[0] for node in nodes[1:3]] == [whole.loads[1], exps[0]]
+    assert (len(grids[3].nodes[2].loads), len(grids[4].nodes[2].loads)) == (1, 0)
+    assert "load" in json.loads(phases[4].spec)["node"]["c"]
+    # the given document is left as it is
+    assert phases_of("", MANY)[0].spec == phases_of('event = [{ at = 1, disconnect = { load = "b" } }]', MANY)[0].spec
+
+
+def test_an_index_may_be_a_number_of_json() -> None:
+    spec = json.loads(phases_of("", MANY)[0].spec)
+    spec["scenario"] = {"x": {"end": 2, "event": [{"at": 1, "disconnect": {"load": "b", "index": 3}}]}}
+    assert read_phases(json.dumps(spec).encode(), "x")[1].gone == (Target("load", "b", 3),)
+
+
+def test_faults_of_loads_are_told_at_their_place_in_the_spec() -> None:
+    base = MANY.replace(
+        'load = [{ kind = "exp", P0 = "1 kW"', 'load = [{ kind = "zip", P = [1, 1] }, { kind = "exp", P0 = "1 kW"'
+    )
+    with pytest.raises(SpecError, match=r"S102 at node.c.load\[1\]: Q0 and nq go together \(in phase 1 of"):
+        phases_of(
+            'disconnected = [{ load = "c" }]\nevent = [{ at = 0, load = "c", index = 1, set = { Q0 = 100 } }]', base
+        )
+    with pytest.raises(
+        SpecError, match=r"S102 at node.c.load\[1\]: Q0 and nq go together \(in phase 2 of .* and in 1 more"
+    ):
+        phases_of(
+            'event = [{ at = 1, load = "c", index = 1, set = { Q0 = 100 } }, { at = 2, disconnect = { load = "c" } }]',
+            base,
+        )
+
+
+def test_references_and_controllers_of_phases() -> None:
+    text = """disconnected = ["c"]
+event = [
+  { at = 1, reference = "a", set = ["1.02 pu", "-3 V"] },
+  { at = 1, reference = "c", set = [380, 2] },
+  { at = 2, controller = "a", set = "pi" },
+  { at = 2, controller = "c", set = "phs" },
+  { at = 3, connect = "c", filter = "discharged" },
+  { at = 4, controller = "c", set = "pi" },
+]"""
+    phases = phases_of(text)
+    dgus = [[node.dgu for node in decode(phase.spec).nodes] for phase in phases]
+    a, _, c = (node.dgu for node in decode(SMALL.encode()).nodes)
+    assert a
+    assert c
+    turned = replace(a, reference_volt=(Fraction(408), Fraction(-3)))
+    late = replace(c, reference_volt=(Fraction(380), Fraction(2)))
+    assert dgus[0] == [a, None, None]
+    assert dgus[1] == [turned, None, None]
+    assert dgus[2] == [replace(turned, controller=c.controller), None, None]
+    assert dgus[3] == [dgus[2][0], None, replace(late, controller=a.controller)]
+    assert dgus[4] == [dgus[2][0], None, late]
+    assert [len(phase.settings) for phase in phases] == [0, 2, 4, 4, 4]
+    assert [event.controller for event in phases[4].settings] == [None, None, "pi", "pi"]
+    assert [event.discharged for phase in phases for event in phase.events] == [False] * 4 + [True, False]
+
+
+def test_a_controller_that_anti_windup_does_not_go_with_is_found_in_its_phase() -> None:
+    base = SMALL.replace("reference = [400, 0]", 'reference = [400, 0], limits = [900, 900], anti_windup = "5 ms"')
+    base = base.replace("[controller.pi]", '[controller.open]\nkind = "constant"\n[controller.pi]')
+    phases_of('event = [{ at = 1, controller = "a", set = "pi" }]', base)
+    with pytest.raises(
+        SpecError, match=r"S212 at node.a.dgu.anti_windup: the integral gain .* \(in phase 2 of scenario x"
+    ):
+        phases_of('event = [{ at = 1, controller = "a", set = "open" }]', base)
+
+
+def test_linear_loops_of_one_size_may_be_exchanged() -> None:
+    same = LOOP.replace(
+        "[controller.more]",
+        """[controller.same]
+kind = "linear"
+F = [[-200, 0], [0, -200]]
+B = [["1/C", 0], [0, "1/C"]]
+C = [[1, 0], [0, 1]]
+[controller.more]""",
+    )
+    first, second = phases_of('event = [{ at = 1, controller = "a", set = "same" }]', same)
+    laws = [node.dgu and node.dgu.controller for phase in (first, second) for node in decode(phase.spec).nodes[:1]]
+    assert [law.F[0][0] for law in laws if isinstance(law, LinearLoop)] == [-100, -200]
+
+
+@given(
+    st.recursive(
+        st.none()
+        | st.booleans()
+        | st.integers()
+        | st.floats(allow_nan=False, allow_infinity=False)
+        | st.sampled_from(["a", "b", "d", "1", "2", "pi", "phs", "", "discharged", "\x1b[31m"]),
+        lambda inner: (
+            st.lists(inner, max_size=3)
+            | st.dictionaries(
+                st.sampled_from(
+                    [
+                        "at",
+                        "connect",
+                        "disconnect",
+                        "load",
+                        "index",
+                        "filter",
+                        "reference",
+                        "controller",
+                        "set",
+                        "R",
+                        "Y",
+                    ]
+                ),
+                inner,
+                max_size=5,
+            )
+        ),
+        max_leaves=12,
+    )
+)
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_whatever_stands_in_a_scenario_is_read_or_refused(junk: object) -> None:
+    document = json.loads(phases_of("", GOOD)[0].spec)
+    for scenario in (
+        {"end": 2, "event": [junk]},
+        {"end": 2, "event": [{"at": 1, "connect": junk}]},
+        {"end": 2, "disconnected": [junk]},
+        {"end": 2, "event": [{"at": 1, "controller": "a", "set": junk}]},
+        {"end": 2, "event": [{"at": 1, "load": "b", "index": junk, "set": junk}]},
+    ):
+        with contextlib.suppress(SpecError):
+            read_phases(json.dumps({**document, "scenario": {"x": scenario}}).encode(), "x")
+
+
+def test_parts_that_are_faulty_themselves_are_no_traceback() -> None:
+    """What another decoder refuses is met by that of scenarios too."""
+    document = json.loads(phases_of("", GOOD)[0].spec)
+    events = [
+        {"at": 1, "controller": "a", "set": "phs"},
+        {"at": 1, "load": "b", "index": 1, "set": {"P0": 1}},
+        {"at": 1, "reference": "a", "set": [1, 1]},
+        {"at": 1, "connect": "a", "filter": "discharged"},
+    ]
+    faulty: list[dict[str, object]] = [
+        {"controller": 5},
+        {"controller": {"phs": 5, "pi": {"kind": ["linear"]}}},
+        {"controller": {"phs": {"kind": "linear", "F": 5}, "pi": {"kind": "linear", "F": [[1]]}}},
+        {"node": {"a": {"dgu": None}, "b": {"load": [5, 5]}, "d": 5}},
+        {"node": {"a": {"dgu": {"controller": ["phs"]}}, "b": {"load": [{}, {"kind": {}}]}}},
+        {"node": {"a": {"dgu": {"controller": "none"}}, "b": {"load": {}}}},
+        {"node": [], "line": {}},
+    ]
+    for change in faulty:
+        for event in events:
+            spec = {**document, **change, "scenario": {"x": {"end": 2, "event": [event]}}}
+            with pytest.raises(SpecError):
+                read_phases(json.dumps(spec).encode(), "x")
+
+
 # What is refused
 
-LOADS = 'load = [{ kind = "zip", Y = ["75 uS", "75 uS"] }, { kind = "exp", P0 = "5 kW", np = 1.5 }]'
 # (base, scenario, code, path, part of the message)
 REFUSED = {
     "connect what is on": (
@@ -200,11 +412,224 @@ REFUSED = {
         "both a DGU and a line",
     ),
     "a load without coefficients": (
-        GOOD.replace(LOADS, 'load = [{ kind = "rl", R = 1, L = 1 }]'),
+        GOOD.replace(LOADS, f"load = [{CURRENT}]"),
         'event = [{ at = 1, load = "b", set = { Y = [1, 1] } }]',
         "S313",
         "scenario.x.event[0].load",
-        "of kind 'rl'",
+        "load 0 at node 'b' is of kind 'current'; events change loads of kind zip, exp, rl",
+    ),
+    "a coefficient of another kind of load": (
+        GOOD.replace(LOADS, 'load = [{ kind = "rl", R = 1, L = 1 }]'),
+        'event = [{ at = 1, load = "b", set = { Y = [1, 1] } }]',
+        "S101",
+        "scenario.x.event[0].set.Y",
+        "load 0 at node 'b' has no such coefficient",
+    ),
+    "a coefficient that is not positive": (
+        GOOD.replace(LOADS, 'load = [{ kind = "rl", R = 1, L = 1 }]'),
+        'event = [{ at = 1, load = "b", set = { R = 0 } }]',
+        "S208",
+        "scenario.x.event[0].set.R",
+        "must be positive, got 0",
+    ),
+    "no load of that index": (
+        GOOD,
+        'event = [{ at = 1, load = "b", index = 2, set = { P0 = 1 } }]',
+        "S314",
+        "scenario.x.event[0].index",
+        "there is no load 2: node 'b' has 2 loads, 0 to 1",
+    ),
+    "no such load to switch": (
+        GOOD,
+        'event = [{ at = 1, disconnect = { load = "b", index = 2 } }]',
+        "S314",
+        "scenario.x.event[0].disconnect.index",
+        "there is no load 2",
+    ),
+    "no such load that is off": (
+        GOOD,
+        'disconnected = [{ load = "b", index = 7 }]',
+        "S314",
+        "scenario.x.disconnected[0].index",
+        "there is no load 7",
+    ),
+    **{
+        f"index {index}": (
+            GOOD,
+            f'disconnected = [{{ load = "b", index = {index} }}]',
+            "S314",
+            "scenario.x.disconnected[0].index",
+            "expected a whole number from 0 up, got",
+        )
+        for index in ("-1", "1.0", "true", '"1"', "[0]", "0x" + "f" * 300, "1e0", "nan")
+    },
+    "a target without a node": (
+        GOOD,
+        "event = [{ at = 1, disconnect = { index = 0 } }]",
+        "S102",
+        "scenario.x.event[0].disconnect.load",
+        "missing",
+    ),
+    "a target with too much": (
+        GOOD,
+        'event = [{ at = 1, disconnect = { load = "b", line = "1" } }]',
+        "S101",
+        "scenario.x.event[0].disconnect.line",
+        "unknown key",
+    ),
+    "a target that is no name": (
+        GOOD,
+        "event = [{ at = 1, disconnect = 1 }]",
+        "S306",
+        "scenario.x.event[0].disconnect",
+        "1 is not a DGU or line; did you mean '1', in quotes?",
+    ),
+    "a load at a node without": (
+        GOOD,
+        'disconnected = [{ load = "a" }]',
+        "S306",
+        "scenario.x.disconnected[0].load",
+        "'a' is not a node with a load",
+    ),
+    "a load that is on": (
+        GOOD,
+        'event = [{ at = 1, connect = { load = "b" } }]',
+        "S311",
+        "scenario.x.event[0].connect",
+        "load 0 at node 'b' is on already at 1 s",
+    ),
+    "a load that is off": (
+        GOOD,
+        'disconnected = [{ load = "b", index = 1 }]\nevent = [{ at = 1, disconnect = { load = "b", index = 1 } }]',
+        "S311",
+        "scenario.x.event[0].disconnect",
+        "load 1 at node 'b' is off already at 1 s",
+    ),
+    "a load off twice": (
+        GOOD,
+        'disconnected = [{ load = "b" }, { load = "b", index = 0 }]',
+        "S311",
+        "scenario.x.disconnected[1]",
+        "load 0 at node 'b' is named twice",
+    ),
+    "a filter of a line": (
+        GOOD,
+        'disconnected = ["1"]\nevent = [{ at = 1, connect = "1", filter = "discharged" }]',
+        "S101",
+        "scenario.x.event[0].filter",
+        "only a DGU connects with a filter, and this is a line",
+    ),
+    "a filter of a load": (
+        GOOD,
+        'disconnected = [{ load = "b" }]\nevent = [{ at = 1, connect = { load = "b" }, filter = "synchronised" }]',
+        "S101",
+        "scenario.x.event[0].filter",
+        "only a DGU connects with a filter, and this is a load",
+    ),
+    "a filter that disconnects": (
+        GOOD,
+        'event = [{ at = 1, disconnect = "a", filter = "discharged" }]',
+        "S101",
+        "scenario.x.event[0].filter",
+        "unknown key",
+    ),
+    "a filter in another state": (
+        GOOD,
+        'disconnected = ["a"]\nevent = [{ at = 1, connect = "a", filter = "warm" }]',
+        "S107",
+        "scenario.x.event[0].filter",
+        "'warm' is not a choice here; known here: synchronised, discharged",
+    ),
+    "a discharged linear loop": (
+        LOOP,
+        'disconnected = ["a"]\nevent = [{ at = 1, connect = "a", filter = "discharged" }]',
+        "S316",
+        "scenario.x.event[0].filter",
+        "which states of the linear loop at node 'a' are those is not known",
+    ),
+    "a reference of no DGU": (
+        GOOD,
+        'event = [{ at = 1, reference = "b", set = [1, 1] }]',
+        "S306",
+        "scenario.x.event[0].reference",
+        "'b' is not a node with a DGU; known here: a, d",
+    ),
+    "a reference of no node": (
+        GOOD,
+        'event = [{ at = 1, reference = "z", set = [1, 1] }]',
+        "S306",
+        "scenario.x.event[0].reference",
+        "'z' is not a node with a DGU",
+    ),
+    "a reference of zero": (
+        GOOD,
+        'event = [{ at = 1, reference = "a", set = [0, "0 V"] }]',
+        "S208",
+        "scenario.x.event[0].set",
+        "the reference voltage must not be zero",
+    ),
+    "a reference of one axis": (
+        GOOD,
+        'event = [{ at = 1, reference = "a", set = "1 pu" }]',
+        "S103",
+        "scenario.x.event[0].set",
+        "expected a list of two values",
+    ),
+    "a reference in ampere": (
+        GOOD,
+        'event = [{ at = 1, reference = "a", set = ["1 A", 0] }]',
+        "S203",
+        "scenario.x.event[0].set[0]",
+        "expected V",
+    ),
+    "a reference without a value": (
+        GOOD,
+        'event = [{ at = 1, reference = "a" }]',
+        "S102",
+        "scenario.x.event[0].set",
+        "missing",
+    ),
+    "an unknown controller": (
+        GOOD,
+        'event = [{ at = 1, controller = "a", set = "phi" }]',
+        "S306",
+        "scenario.x.event[0].set",
+        "'phi' is not a controller; did you mean 'pi'?",
+    ),
+    "a controller that is a table": (
+        GOOD,
+        'event = [{ at = 1, controller = "a", set = { kind = "constant" } }]',
+        "S306",
+        "scenario.x.event[0].set",
+        "a dict is not a controller",
+    ),
+    "a controller of no DGU": (
+        GOOD,
+        'event = [{ at = 1, controller = "b", set = "pi" }]',
+        "S306",
+        "scenario.x.event[0].controller",
+        "'b' is not a node with a DGU",
+    ),
+    "from a linear loop": (
+        LOOP,
+        'event = [{ at = 1, controller = "a", set = "pi" }]',
+        "S315",
+        "scenario.x.event[0].set",
+        "'pi' is 'state-feedback', and 'loop' is 'linear', which node 'a' has",
+    ),
+    "to a linear loop": (
+        LOOP,
+        'event = [{ at = 1, controller = "d", set = "loop" }]',
+        "S315",
+        "scenario.x.event[0].set",
+        "'loop' is 'linear', and 'pi' is 'state-feedback', which node 'd' has",
+    ),
+    "to a larger linear loop": (
+        LOOP,
+        'event = [{ at = 1, controller = "a", set = "more" }]',
+        "S315",
+        "scenario.x.event[0].set",
+        "'more' has 3 states, and 'loop' has 2, which node 'a' has",
     ),
     "nothing set": (GOOD, 'event = [{ at = 1, load = "b", set = {} }]', "S102", "scenario.x.event[0].set", "no coef"),
     "loads that are no list": (
@@ -309,7 +734,7 @@ def test_cigre_is_certified_phase_by_phase(tmp_path: Path, capsys: pytest.Captur
     assert main(["prove", CIGRE, "--scenario", "plug-in", "-o", str(folder)]) == 0
     told = capsys.readouterr().out
     assert told.startswith("CERTIFIED: scenario plug-in of specs/cigre-mv.toml, phases: 4")
-    for text in ("phase 1, 0 s to 4 s: CERTIFIED", "off: 5", "DGU 5 connects", "load at node 8 changes: I, P, Y"):
+    for text in ("phase 1, 0 s to 4 s: CERTIFIED", "off: 5", "DGU 5 connects", "load 0 at node 8 changes: I, P, Y"):
         assert text in told
     assert "not a proof" in told
     assert "the phase before having come to rest" in told.replace("\n", " ")
@@ -334,8 +759,11 @@ def test_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         ("0", "4", "certified", ["5"]),
         ("4", "5", "certified", []),
     ]
-    assert result["phases"][1]["events"] == [{"at": "4", "action": "connect", "part": "DGU", "target": "5"}]
-    assert result["phases"][2]["events"][0]["set"] == ["I", "P", "Y"]
+    assert result["phases"][1]["events"] == [
+        {"at": "4", "action": "connect", "part": "DGU", "target": "5", "filter": "synchronised"}
+    ]
+    event = result["phases"][2]["events"][0]
+    assert (event["target"], event["index"], event["set"]) == ("5", 0, ["I", "P", "Y"])
     assert result["phases"][0]["jumps"] == []
     assert [jump["island"] for jump in result["phases"][1]["jumps"]] == ["1"]
     assert "not a proof" in result["about_jumps"]
