@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -1168,6 +1168,266 @@ def test_what_disconnects_takes_its_states_along() -> None:
     assert {name: float(x) for name, x in jump.parts} == pytest.approx(expected, rel=1e-6, abs=1e-12)
     assert "node a" in expected
     assert (jump.status, jump.level_joule, jump.share, jump.everything) == ("inside", None, None, True)
+
+
+def law_of(node: Node, w0: float) -> tuple[complex, Callable[[complex, complex, complex], complex]]:
+    """K13, and the law u(V, I, v) of a DGU with scalar gains, in absolute values; v is the integral of V* - V."""
+    assert node.dgu
+    assert node.dgu.filter
+    law, reference = node.dgu.controller, complex(*map(float, node.dgu.reference_volt))
+    if isinstance(law, IdaPbc):
+        alpha, nu, ki, own = float(law.alpha[0]), float(law.nu[0]), float(law.ki[0]), law.design
+        R, L, C = (float(x) for x in (own.resistance_ohm, own.inductance_henry, own.capacitance_farad))
+
+        def shaped(V: complex, I: complex, v: complex) -> complex:  # noqa: E741
+            off = V - reference
+            damped = alpha / nu * (I - 1j * w0 * C * reference - ki * v)
+            return damped - nu * off + (R + 1j * w0 * L) * I + V - L * ki * off
+
+        return -alpha / nu * ki, shaped
+    assert isinstance(law, StateFeedback)
+    K13 = float(law.K13[0][0]) if law.K13 else 0.0
+    return K13, lambda V, I, v: feedback(node, V, I, w0) + K13 * v  # noqa: E741
+
+
+def integral_of(node: Node, rest: Mapping[str, complex], w0: float) -> complex:
+    """The state v of an integrator at rest."""
+    gain, law = law_of(node, w0)
+    V, I = (rest[f"{what} at node {node.name}"] for what in ("voltage", "current of the DGU"))  # noqa: E741
+    return (rest[f"terminal voltage of the DGU at node {node.name}"] - law(V, I, 0)) / gain
+
+
+def nodes_of(grid: Microgrid) -> dict[str, Node]:
+    return {node.name: node for node in grid.nodes}
+
+
+def compared(spec: bytes, change: Callable[[Rest, list[dict[str, Node]], list[Microgrid]], object]) -> Jump:
+    """The jump at the start of phase 2 against closed forms, for the state that `change` makes of rest in phase 1."""
+    phases = read_phases(spec, "x")[:2]
+    grids = [decode(phase.spec) for phase in phases]
+    rests = [solve_rest(grid) for grid in grids]
+    state = completed(grids[0], rests[0])
+    change(state, [nodes_of(grid) for grid in grids], grids)
+    expected = dict(expected_parts(grids[1], state, completed(grids[1], rests[1])))
+    jump = jump_between(spec, phases, 0, rests, Fraction(10**6))
+    assert {name: float(x) for name, x in jump.parts} == pytest.approx(expected, rel=1e-6, abs=1e-9)
+    assert max(expected.values()) > 1e-4
+    return jump
+
+
+def test_a_dgu_connects_discharged() -> None:
+    """Its capacitor shares the charge of its node, and nothing flows; here its reference was changed while it was off."""
+    spec = with_scenario(
+        'disconnected = ["a"]\nevent = [{ at = 1, reference = "a", set = [380, 5] },'
+        ' { at = 1, connect = "a", filter = "discharged" }]'
+    )
+
+    def change(state: Rest, nodes: list[dict[str, Node]], grids: list[Microgrid]) -> None:
+        before, after = (float(node_capacitances(grid)["a"]) for grid in grids)
+        assert (before, after) == (pytest.approx(2e-6), pytest.approx(22e-6))
+        state["voltage at node a"] *= before / after
+        state["current of the DGU at node a"] = 0
+        state["integrator of a"] = law_of(nodes[1]["a"], float(grids[1].w0))[1](0, 0, 0)
+        assert state["integrator of a"] != 0  # of an IDA-PBC law the reference adds to what it asks for
+
+    compared(spec, change)
+
+
+def test_a_dgu_connects_synchronised_to_what_it_was_set_to_while_it_was_off() -> None:
+    spec = with_scenario(
+        'disconnected = ["c"]\nevent = [{ at = 0, reference = "c", set = [380, 5] },'
+        ' { at = 0, controller = "c", set = "phs" }, { at = 1, connect = "c", filter = "synchronised" }]'
+    )
+
+    def change(state: Rest, nodes: list[dict[str, Node]], grids: list[Microgrid]) -> None:
+        node, V, w0 = nodes[1]["c"], state["voltage at node c"], float(grids[1].w0)
+        I = 1j * w0 * 20e-6 * V  # noqa: E741
+        u = V + (0.1 + 1j * w0 * 2e-3) * I
+        state |= {"current of the DGU at node c": I, "integrator of c": u - feedback(node, V, I, w0)}
+
+    compared(spec, change)
+
+
+@pytest.mark.parametrize("name", ["a", "c"])
+def test_with_a_new_reference_no_state_jumps(name: str) -> None:
+    """Nor does the integrator, though the same integrator means another voltage to an IDA-PBC law."""
+    spec = with_scenario(f'event = [{{ at = 1, reference = "{name}", set = [396, -7] }}]')
+
+    def change(state: Rest, nodes: list[dict[str, Node]], grids: list[Microgrid]) -> None:
+        w0 = float(grids[0].w0)
+        v = integral_of(nodes[0][name], state, w0)
+        state[f"integrator of {name}"] = law_of(nodes[1][name], w0)[1](0, 0, v)
+
+    compared(spec, change)
+
+
+@pytest.mark.parametrize(("name", "new"), [("a", "pi"), ("c", "phs")])
+def test_a_new_controller_takes_over_the_voltage(name: str, new: str) -> None:
+    spec = with_scenario(
+        f'event = [{{ at = 1, controller = "{name}", set = "{new}" }}, {{ at = 1, load = "b", set = {{ Y = [0.02, 0] }} }}]'
+    )
+
+    def change(state: Rest, nodes: list[dict[str, Node]], grids: list[Microgrid]) -> None:
+        V, I = (state[f"{what} at node {name}"] for what in ("voltage", "current of the DGU"))  # noqa: E741
+        u = state[f"terminal voltage of the DGU at node {name}"]
+        state[f"integrator of {name}"] = u - feedback(nodes[1][name], V, I, float(grids[0].w0))
+
+    compared(spec, change)
+
+
+def test_a_new_controller_of_the_same_gains_changes_nothing() -> None:
+    base = SMALL.replace(
+        "[controller.pi]", '[controller.twin]\nkind = "ida-pbc"\nalpha = -5\nnu = 1\nki = 100\n[controller.pi]'
+    )
+    spec = with_scenario('event = [{ at = 1, controller = "a", set = "twin" }]', base)
+    phases = read_phases(spec, "x")
+    rest = solve_rest(decode(spec))
+    jump = jump_between(spec, phases, 0, [rest, rest], Fraction(1))
+    assert jump.storage_joule == 0
+
+
+def test_events_at_one_time_act_one_after_another() -> None:
+    """The reference first, so that the law that hands over is the old one with the new reference; and the other way."""
+    change = ['{ at = 1, reference = "a", set = [396, -7] }', '{ at = 1, controller = "a", set = "pi" }']
+    for order in (change, change[::-1]):
+        spec = with_scenario(f"event = [{', '.join(order)}]")
+
+        def states(
+            state: Rest, nodes: list[dict[str, Node]], grids: list[Microgrid], first: bool = order is change
+        ) -> None:
+            w0 = float(grids[0].w0)
+            V, I = (state[f"{what} at node a"] for what in ("voltage", "current of the DGU"))  # noqa: E741
+            v, u = integral_of(nodes[0]["a"], state, w0), state["terminal voltage of the DGU at node a"]
+            if first:
+                assert nodes[0]["a"].dgu
+                turned = replace(nodes[0]["a"].dgu, reference_volt=(Fraction(396), Fraction(-7)))
+                u = law_of(replace(nodes[0]["a"], dgu=turned), w0)[1](V, I, v)
+            state["integrator of a"] = u - feedback(nodes[1]["a"], V, I, w0)
+
+        compared(spec, states)
+
+
+def test_what_is_applied_ends_at_the_limits() -> None:
+    """A line connects, the voltage drops, and the law asks for more than the inverter has when another takes over."""
+    base = SMALL.replace("reference = [390, -10]", "reference = [390, -10], limits = [420, 430]")
+    text = 'disconnected = ["bc"]\nevent = [{ at = 1, connect = "bc" }, { at = 1, controller = "c", set = "phs" }]'
+    base = base.replace("ki = 1000 }", "ki = 1000 }").replace('C = "2 uF"', 'C = "30 uF"')
+    seen = []
+
+    def change(state: Rest, nodes: list[dict[str, Node]], grids: list[Microgrid]) -> None:
+        w0 = float(grids[0].w0)
+        v = integral_of(nodes[0]["c"], state, w0)
+        before, after = (node_capacitances(grid) for grid in grids)
+        for name in "bc":
+            state[f"voltage at node {name}"] *= float(before[name] / after[name])
+        state["current in line bc"] = 0
+        V, I = (state[f"{what} at node c"] for what in ("voltage", "current of the DGU"))  # noqa: E741
+        asked = law_of(nodes[0]["c"], w0)[1](V, I, v)
+        u = complex(min(max(asked.real, -420), 420), min(max(asked.imag, -430), 430))
+        seen.append(u != asked)
+        state["integrator of c"] = u - feedback(nodes[1]["c"], V, I, w0)
+
+    compared(with_scenario(text, base), change)
+    assert seen == [True]
+
+
+def test_an_integrator_that_cannot_take_over_is_not_known_and_none_is_needed_without() -> None:
+    for gain, known in (("[[1, 2], [2, 4]]", False), (None, True)):
+        K13 = f"K13 = {gain}\n" if gain else ""
+        law = f'[controller.other]\nkind = "state-feedback"\nK11 = 0\nK12 = -5\n{K13}[controller.pi]'
+        spec = with_scenario(
+            'event = [{ at = 1, controller = "a", set = "other" }]', SMALL.replace("[controller.pi]", law)
+        )
+        phases = read_phases(spec, "x")
+        rest = solve_rest(decode(spec))
+        jump = jump_between(spec, phases, 0, [rest, rest], Fraction(1))
+        assert (jump.storage_joule == 0) == known
+        assert jump.reason == ("" if known else "the state of the DGU at node a is not known")
+    # and a law without integrator hands over what it asks for
+    back = 'event = [{ at = 0, controller = "a", set = "other" }, { at = 1, controller = "a", set = "phs" }]'
+    spec = with_scenario(back, SMALL.replace("[controller.pi]", law))
+    phases = read_phases(spec, "x")
+    u = 2.0 - 5 * (3 + 1j)  # K11 V + K12 I + no integrator, of states that are no equilibrium
+    law2 = law.replace("K11 = 0", "K11 = [[0.005, 0], [0, 0.005]]")
+    spec = with_scenario(back, SMALL.replace("[controller.pi]", law2))
+    phases = read_phases(spec, "x")
+    old = rest | {
+        "voltage at node a": 400,
+        "current of the DGU at node a": 3 + 1j,
+        "terminal voltage of the DGU at node a": u,
+    }
+    # where the new phase rests with just this voltage applied, nothing jumps
+    jump = jump_between(spec, phases, 0, [old, old], Fraction(1))
+    assert jump.storage_joule is not None
+    assert jump.storage_joule < Fraction(1, 10**20)
+
+
+def test_series_loads_connect_without_current_and_keep_it_when_they_change() -> None:
+    """Indices are those of the spec, also where the claims of a phase count otherwise."""
+    spec = with_scenario(
+        """disconnected = [{ load = "b", index = 1 }]
+event = [{ at = 1, connect = { load = "b", index = 1 } }, { at = 1, load = "b", index = 3, set = { R = 55, L = "90 mH" } },
+  { at = 1, disconnect = { load = "b", index = 2 } }]""",
+        MANY,
+    )
+
+    def change(state: Rest, nodes: list[dict[str, Node]], grids: list[Microgrid]) -> None:
+        assert [len(found["b"].branches) for found in nodes] == [1, 2]
+        kept = state.pop("branch b 0")
+        assert kept == pytest.approx(state["voltage at node b"] / complex(40, float(grids[0].w0) * 0.08))
+        state |= {"branch b 0": 0, "branch b 1": kept}
+
+    jump = compared(spec, change)
+    assert {"series R-L load 0 at node b", "series R-L load 1 at node b"} <= {name for name, _ in jump.parts}
+
+
+def test_series_loads_that_disconnect_take_their_current_along() -> None:
+    spec = with_scenario('event = [{ at = 1, disconnect = { load = "b", index = 1 } }]', MANY)
+
+    def change(state: Rest, nodes: list[dict[str, Node]], _: list[Microgrid]) -> None:
+        assert [len(found["b"].branches) for found in nodes] == [2, 1]
+        state["branch b 0"] = state.pop("branch b 1")
+
+    compared(spec, change)
+    # off and on again at once: without current
+    spec = with_scenario(
+        'event = [{ at = 1, disconnect = { load = "b", index = 1 } }, { at = 1, connect = { load = "b", index = 1 } }]',
+        MANY,
+    )
+    compared(spec, lambda state, *_: state.update({"branch b 0": 0}))
+
+
+def test_events_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "spec.toml"
+    file.write_bytes(
+        with_scenario("""disconnected = ["c", { load = "b", index = 1 }]
+event = [
+  { at = 1, connect = "c", filter = "discharged" },
+  { at = 1, connect = { load = "b", index = 1 } },
+  { at = 1, load = "b", index = 1, set = { R = 31 } },
+  { at = 2, reference = "a", set = ["401 V", 0.5] },
+  { at = 2, controller = "c", set = "phs" },
+]""")
+    )
+    assert main(["prove", str(file), "--scenario", "x"]) in (0, 3)
+    told = capsys.readouterr().out
+    for text in (
+        "  off: c, load 1 at node b\n",
+        "  DGU c connects, its filter discharged\n  load 1 at node b connects\n  load 1 at node b changes: R\n",
+        "  DGU a gets another reference: 401 V, 0.5 V\n  DGU c gets another controller: phs\n",
+    ):
+        assert text in told
+    assert "H = " in told
+    main(["prove", str(file), "--scenario", "x", "--json"])
+    phases = json.loads(capsys.readouterr().out)["phases"]
+    assert phases[0]["off"] == ["c", "load 1 at node b"]
+    assert [{k: v for k, v in e.items() if k != "at"} for phase in phases for e in phase["events"]] == [
+        {"action": "connect", "part": "DGU", "target": "c", "filter": "discharged"},
+        {"action": "connect", "part": "load", "target": "b", "index": 1},
+        {"action": "load", "part": "load", "target": "b", "index": 1, "set": ["R"]},
+        {"action": "reference", "part": "DGU", "target": "a", "set": ["401", "1/2"]},
+        {"action": "controller", "part": "DGU", "target": "c", "set": "phs"},
+    ]
 
 
 def test_islands_are_told_apart_and_a_missing_one_is_unknown() -> None:
