@@ -154,6 +154,7 @@ def _render_phase(entry: ProvedPhase, every_claim: bool, colour: bool) -> list[s
 def _render_event(event: Event) -> str:
     """What happens, in words.
 
+    >>> from fractions import Fraction
     >>> _render_event(Event(Fraction(1), "connect", "load", "8", index=2))
     'load 2 at node 8 connects'
     """
