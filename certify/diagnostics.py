@@ -227,13 +227,6 @@ _ALL = (
         'event = [{ at = "4 s", controller = "5", set = "pi" }]',
     ),
     Diagnostic(
-        "S316",
-        "a discharged filter under a linear loop",
-        "F, B and C of a linear loop hold plant and controller in one; at which of its states the filter is discharged "
-        "is not known.",
-        'leave out filter = "discharged", or give the DGU a controller of another kind',
-    ),
-    Diagnostic(
         "S312",
         "a name of two things",
         "Events name a DGU by its node, so they cannot tell it from a line of the same name.",

@@ -45,7 +45,7 @@ from certify.kernel.spec import (
     decode_document,
     integrates,
 )
-from certify.phases import Phase, indices_of_loads
+from certify.phases import Phase, series_loads
 from certify.simulate.scenario import Event, Target, law_reader
 
 # What a state is of: ("voltage", node), ("line", name), ("branch", node, index in the spec's list of loads),
@@ -94,7 +94,7 @@ def find_jumps(whole: Microgrid, before: Proved, after: Proved) -> tuple[Jump, .
     documents = [read_document(phase.spec) for phase in (old, new)]
     grids = [decode_document(document) for document in documents]
     context = Context(grids[1])
-    was, places = (_places(document, phase) for document, phase in zip(documents, (old, new), strict=True))
+    was, places = (series_loads(document, phase.gone) for document, phase in zip(documents, (old, new), strict=True))
     start = _rest(grids[0], was, _facts(old_certificate.verdict))
     course = _Course(whole, old, law_reader(documents[1]), start)
     for event in new.events:
@@ -117,16 +117,6 @@ def find_jumps(whole: Microgrid, before: Proved, after: Proved) -> tuple[Jump, .
         parts = tuple(sorted(known, key=lambda part: -part[1])) if storage is not None else ()
         jumps.append(Jump(island[0], storage, level, everything, parts, reason))
     return tuple(jumps)
-
-
-def _places(document: dict[str, Any], phase: Phase) -> Places:
-    """Where the series R-L loads of a phase stand in the spec: in that of the phase what is off is left out."""
-    gone, places = indices_of_loads(phase.gone), {}
-    for name, node in document["node"].items():
-        loads, off = node.get("load", []), gone.get(name, set())
-        indices = [k for k in range(len(loads) + len(off)) if k not in off]
-        places[name] = [k for k, load in zip(indices, loads, strict=True) if load["kind"] == "rl"]
-    return places
 
 
 def _voltages_known(island: Iterable[str], rest: State) -> bool:

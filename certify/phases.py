@@ -136,6 +136,20 @@ def indices_of_loads(gone: Iterable[Target]) -> dict[str, set[int]]:
     return found
 
 
+def series_loads(document: dict[str, Any], gone: Iterable[Target]) -> dict[str, list[int]]:
+    """For each node of the spec of a phase the indices of its series R-L loads, in the spec with everything on.
+
+    In the phase they are counted among themselves, and what is `gone` is left out: `Node.branches` are in this order.
+    """
+    off_at = indices_of_loads(gone)
+    found = {}
+    for name, node in document["node"].items():
+        loads, off = node.get("load", []), off_at.get(name, set())
+        indices = [k for k in range(len(loads) + len(off)) if k not in off]
+        found[name] = [k for k, load in zip(indices, loads, strict=True) if load["kind"] == "rl"]
+    return found
+
+
 def require_microgrids(phases: tuple[Phase, ...], name: str) -> None:
     """Refuse phases that are no microgrids. Raises: SpecError with every fault, told once with all its phases."""
     found: dict[Fault, list[Phase]] = {}

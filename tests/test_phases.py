@@ -22,7 +22,7 @@ from certify.kernel.claims import Claim
 from certify.kernel.errors import Rejected, SpecError
 from certify.kernel.model import node_capacitances
 from certify.kernel.spec import ExpLoad, IdaPbc, LinearLoop, Microgrid, Node, StateFeedback, ZipLoad, components, decode
-from certify.phases import Phase, read_phases
+from certify.phases import Phase, read_phases, series_loads
 from certify.report.files import write_folder
 from certify.simulate.scenario import Target
 from tests.test_bad_input import GOOD
@@ -221,6 +221,8 @@ event = [
     assert [node.loads[0] for node in nodes[1:3]] == [whole.loads[1], exps[0]]
     assert (len(grids[3].nodes[2].loads), len(grids[4].nodes[2].loads)) == (1, 0)
     assert "load" in json.loads(phases[4].spec)["node"]["c"]
+    places = [series_loads(json.loads(phase.spec), phase.gone)["b"] for phase in phases]
+    assert places == [[3], [3], [1, 3], [1, 3], [1, 3]]
     # the given document is left as it is
     assert phases_of("", MANY)[0].spec == phases_of('event = [{ at = 1, disconnect = { load = "b" } }]', MANY)[0].spec
 
@@ -229,6 +231,21 @@ def test_an_index_may_be_a_number_of_json() -> None:
     spec = json.loads(phases_of("", MANY)[0].spec)
     spec["scenario"] = {"x": {"end": 2, "event": [{"at": 1, "disconnect": {"load": "b", "index": 3}}]}}
     assert read_phases(json.dumps(spec).encode(), "x")[1].gone == (Target("load", "b", 3),)
+
+
+def test_a_linear_loop_may_connect_too_and_nothing_is_known_of_its_states() -> None:
+    for how in ("discharged", "synchronised"):
+        spec = with_scenario(f'disconnected = ["a"]\nevent = [{{ at = 1, connect = "a", filter = "{how}" }}]', LOOP)
+        phases = read_phases(spec, "x")
+        assert phases[1].events[0].discharged == (how == "discharged")
+        grid = decode(spec)
+        names = [f"voltage at node {node.name}" for node in grid.nodes] + [
+            f"current in line {x.name}" for x in grid.lines
+        ]
+        rest = dict.fromkeys(names, 18_000 + 0j)
+        pair = [with_claims(phase, rest, Fraction(1)) for phase in phases]
+        (jump,) = find_jumps(grid, pair[0], pair[1])
+        assert jump.status == "unknown"
 
 
 def test_faults_of_loads_are_told_at_their_place_in_the_spec() -> None:
@@ -539,13 +556,6 @@ REFUSED = {
         "S107",
         "scenario.x.event[0].filter",
         "'warm' is not a choice here; known here: synchronised, discharged",
-    ),
-    "a discharged linear loop": (
-        LOOP,
-        'disconnected = ["a"]\nevent = [{ at = 1, connect = "a", filter = "discharged" }]',
-        "S316",
-        "scenario.x.event[0].filter",
-        "which states of the linear loop at node 'a' are those is not known",
     ),
     "a reference of no DGU": (
         GOOD,

@@ -233,23 +233,11 @@ class _ScenarioDecoder(Decoder):
         if action == "controller":
             fits = self.may_replace(target, table["set"], f"{path}.set")
             return Event(at, action, "DGU", target, controller=table["set"]) if fits else None
-        if action == "connect" and not self.may_connect(target, table["filter"], raw, f"{path}.filter"):
+        if "filter" in raw and target.part != "DGU":  # type: ignore[operator]
+            self.fault("S101", f"{path}.filter", f"only a DGU connects with a filter, and this is a {target.part}")
             return None
         discharged = table.get("filter") == "discharged"
         return Event(at, action, target.part, target.name, index=target.index, discharged=discharged)
-
-    def may_connect(self, target: Target, how: str, raw: Any, path: str) -> bool:
-        """Whether what connects has a filter of which that can be said."""
-        if target.part != "DGU":
-            if "filter" in raw:
-                self.fault("S101", path, f"only a DGU connects with a filter, and this is a {target.part}")
-            return "filter" not in raw
-        linear = self.kind_at(target.name) == "linear"
-        if linear and how == "discharged":
-            message = f"which states of the linear loop at node {shorten(target.name)} are those is not known"
-            self.fault("S316", path, message)
-            return False
-        return True
 
     def kind_at(self, name: str) -> object:
         """The kind of the controller of the DGU at a node, as the spec gives it; None if it cannot be told."""
