@@ -110,7 +110,7 @@ class Course:
 
     def plant(self, phase: Phase) -> Plant:
         """The equations of a phase. R-L loads are numbered as if all of them were on."""
-        off: set[tuple[str, int]] = set()
+        off = {(target.name, target.index) for target in phase.gone if target.part == "load"}
         names = {
             name: tuple(str(n) for n, k in enumerate(where) if (name, k) not in off)
             for name, where in self._branches.items()
@@ -126,7 +126,7 @@ class Course:
             if x is None:
                 x = self.begin(plant, self.start)
             elif stage is not None:
-                board = Switchboard(self.whole, stage.phase.off)
+                board = Switchboard(self.whole, stage.phase.gone, self._branches)
                 x = after_events(board, stage.plant, plant, phase.events, x)
             stage = Stage(phase, plant, x, Follower(plant, x, tolerance, method))
             for piece in stage.follower.pieces(x, float(phase.start_second), float(phase.end_second)):

@@ -9,7 +9,7 @@ from certify.crosscheck.findings import Finding
 from certify.simulate.flow import Flow, find_rest
 from certify.simulate.motion import natural_sizes
 from certify.simulate.plant import Array, Plant
-from certify.simulate.starts import start_state
+from certify.simulate.starts import flat_state
 
 DENSE_STATES = 500  # up to which every entry of the Jacobian is compared on its own
 PROBES = 3  # random directions for each kind of state beyond that
@@ -24,14 +24,14 @@ SHOWN_MODES = 40  # DGUs the modes of which are compared
 def find_reference(claimed: Claimed) -> Array | None:
     """The simulator's own equilibrium, without limits: from a flat start, or if that fails from the proved voltages."""
     plant = claimed.plant
-    found = start_state(plant, "equilibrium")
-    if found is None or not numpy.isfinite(found).all():
-        x = start_state(plant, "flat")
+    x = flat_state(plant)
+    found = find_rest(_free(plant), x)
+    if found is None:
         for rest in claimed.rests.values():
             for name, V in rest.voltages.items():
-                if x is not None and ("voltage", name) in plant.slices:
+                if ("voltage", name) in plant.slices:
                     x[plant.slices["voltage", name]] = V.real, V.imag
-        found = find_rest(_free(plant), x) if x is not None else None
+        found = find_rest(_free(plant), x)
     return found
 
 

@@ -23,6 +23,7 @@ POINTS = 12  # of a window, both ends included
 QUADRATURE = 40
 SWEEPS = 12
 SETTLED = 0.05  # of the tolerance: a change from one sweep to the next with which they end
+HONEST = 8.0  # how many times the error the estimate of it may be: measured
 DEEPEST = 44  # the shortest window is the span by two to this
 FIRST = 8.0  # |lambda h| of the fastest mode in the first window
 SMALL = 24.0  # |lambda h| up to which weights come from quadrature; beyond, from a polynomial solution
@@ -116,6 +117,7 @@ class Modes:
         self.shapes = numpy.where(self.values.imag > 0, 2.0, 1.0) * vectors[:, keep]
         self.left = left[keep]
         self.shapes_real = numpy.ascontiguousarray(_as_real(self.shapes).T)  # (2 m, n), from interleaved parts
+        self.sizes = numpy.abs(self.shapes)
         self.seen_real = numpy.ascontiguousarray(_as_real(plant.S @ self.shapes).T)
         self.entry_real = numpy.ascontiguousarray((self.left @ plant.D.toarray()).T).view(float)
         self.constant = self.left @ flow.rates(origin)
@@ -268,8 +270,9 @@ class Exponential:
             if not change < 1e3 * previous:  # it grows, or is no number
                 return None, numpy.inf
             if change <= SETTLED:
-                high = _rule(POINTS).high @ forces
-                error = size(h * (W[-1] * high).sum(axis=0))
+                # sizes are added up: what is left out is like the highest degrees in size, and not in its signs
+                left_out = h * (numpy.abs(W[-1]) * numpy.abs(_rule(POINTS).high @ forces)).sum(axis=0)
+                error = float((modes.sizes @ left_out / weights).max(initial=0.0)) / (HONEST * self.tolerance)
                 return Window(modes, self.time, h, grown, values, forces), error
             previous = change
         return None, numpy.inf

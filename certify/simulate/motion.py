@@ -20,7 +20,7 @@ from certify.simulate.starts import flat_state
 
 LOOKS = 32  # at the limits within a window
 SLACK = 1e-10  # of a limit, by which it is passed before a piece ends: so that a piece does not end as it begins
-SMALLEST = 1e-3  # of the largest of its kind is what a state is measured by if it is small itself
+SMALLEST = 1e-4  # of the largest of its kind is what a state is measured by if it is small itself
 BOUND = 1e6  # times its natural size makes a state diverge
 MODAL_STATES = 300  # up to which a network is followed in its modes
 MODAL_CONDITION = 1e7

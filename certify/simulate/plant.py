@@ -373,7 +373,7 @@ def _inverter(dgu: Dgu) -> Inverter:
         numpy.array([_pair(linear(*(complex(x) for x in e))), _pair(linear(*(1j * x for x in e)))]).T for e in unit
     )
     tracking = None
-    time = getattr(dgu, "anti_windup_second", None)
+    time = dgu.anti_windup_second
     if time is not None and rate:
         # T K13 v' = .. + sat(u) - u; xi = -v has the sign of its own gain in `gains`
         tracking = numpy.linalg.inv(gains[2]) / float(time)

@@ -11,13 +11,13 @@ Switching is ideal, and charge is conserved (FORMAT.md, scenarios):
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy
 
 from certify.kernel.spec import Microgrid
 from certify.simulate.plant import Array, Inverter, Part, Plant, settled
-from certify.simulate.scenario import Event
+from certify.simulate.scenario import Event, Target
 
 State = dict[Part, Array]  # of each part its own states: two, or those of a linear loop
 
@@ -38,11 +38,11 @@ def put_together(plant: Plant, state: State) -> Array:
 class Switchboard:
     """What is on in a microgrid, of which `whole` has everything on; its nodes' capacitances as things are switched.
 
-    `off`: names of DGUs, by their nodes, and of lines.
+    `branches`: which of the loads in the list of a node are series R-L loads.
     """
 
-    def __init__(self, whole: Microgrid, off: Iterable[str]) -> None:
-        self.whole, self.off = whole, set(off)
+    def __init__(self, whole: Microgrid, off: Iterable[Target], branches: Mapping[str, Sequence[int]]) -> None:
+        self.whole, self.off, self.branches = whole, set(off), branches
         self.nodes = {node.name: node for node in whole.nodes}
         self.lines = {line.name: line for line in whole.lines}
         self.lines_at: dict[str, list[str]] = {node.name: [] for node in whole.nodes}
@@ -51,14 +51,24 @@ class Switchboard:
             self.lines_at[line.end].append(line.name)
 
     def has_dgu(self, name: str) -> bool:
-        return self.nodes[name].dgu is not None and name not in self.off
+        return self.nodes[name].dgu is not None and Target("DGU", name) not in self.off
 
     def legs(self, name: str) -> float:
         """Farad of the node's own shunt and of its lines' legs, without the filter's."""
         node, total = self.nodes[name], float(self.nodes[name].capacitance_farad)
         if self.has_dgu(name) and not self.whole.line_legs_at_dgus:
             return float(node.capacitance_farad)
-        return total + sum(float(self.lines[x].capacitance_farad) / 2 for x in self.lines_at[name] if x not in self.off)
+        on = (self.lines[x] for x in self.lines_at[name] if Target("line", x) not in self.off)
+        return total + sum(float(line.capacitance_farad) / 2 for line in on)
+
+    def own_parts(self, target: Target) -> tuple[Part, ...]:
+        """The states that go with what is switched off."""
+        if target.part == "line":
+            return (("line", target.name),)
+        if target.part == "DGU":
+            return tuple((kind, target.name) for kind in ("current", "integrator", "loop"))
+        where = self.branches.get(target.name, ())
+        return (("branch", target.name, str(where.index(target.index))),) if target.index in where else ()
 
     def filter(self, name: str) -> float:
         dgu = self.nodes[name].dgu
@@ -80,16 +90,18 @@ def after_events(board: Switchboard, before: Plant, after: Plant, events: Iterab
             line, legs = board.lines[name], {}
             for end in (line.start, line.end):
                 legs[end] = board.legs(end)
-            board.off.discard(name)
+            board.off.discard(event.switched)
             state["line", name] = numpy.zeros(2)
             for end, old in legs.items():
                 _share_charge(board, after, state, end, old)
         elif event.action == "connect" and event.part == "DGU":
             old = board.legs(name)
-            board.off.discard(name)
-            _connect_dgu(board, after, state, name, old, getattr(event, "discharged", False))
-        elif event.action == "disconnect" and event.part != "load":
-            board.off.add(name)
+            board.off.discard(event.switched)
+            _connect_dgu(board, after, state, name, old, event.discharged)
+        elif event.action == "disconnect":
+            board.off.add(event.switched)
+            for part in board.own_parts(event.switched):
+                state.pop(part, None)
         elif event.action == "controller":
             _take_over(before, after, kept, state, name)
     for name, loop in after.loops.items():  # their voltage is an output, and does not jump with their reference

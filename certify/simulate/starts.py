@@ -7,7 +7,7 @@ from collections import deque
 import numpy
 
 from certify.kernel.spec import Microgrid
-from certify.simulate.flow import Flow, find_rest
+from certify.simulate.flow import find_held_rest
 from certify.simulate.plant import Array, Plant
 
 
@@ -20,7 +20,7 @@ def start_state(plant: Plant, start: str) -> Array | None:
     if start == "zero":
         return zero_state(plant)
     x = flat_state(plant)
-    return x if start == "flat" else find_rest(Flow(plant, numpy.zeros(len(plant.limits))), x)
+    return x if start == "flat" else find_held_rest(plant, x)
 
 
 def flat_state(plant: Plant) -> Array:
