@@ -14,11 +14,11 @@ from certify.kernel.claims import to_text
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.reader import read_document
 from certify.kernel.spec import Microgrid, decode
-from certify.phases import Phase, read_phases
+from certify.phases import Phase, indices_of_loads, read_phases, series_loads
 from certify.simulate.motion import Diverged, Follower, Piece
 from certify.simulate.plant import TITLES, Array, Part, Plant
 from certify.simulate.resets import Switchboard, after_events
-from certify.simulate.scenario import decode_scenarios
+from certify.simulate.scenario import decode_scenarios, law_reader
 from certify.simulate.starts import start_state
 
 DEFAULT_END = Fraction(1)
@@ -94,11 +94,7 @@ class Course:
         if end_second is not None:
             self.phases = _until(self.phases, end_second)
         self.end = float(self.phases[-1].end_second)
-        # which of the loads in the list of a node are series R-L loads
-        self._branches = {
-            name: [k for k, load in enumerate(node.get("load", [])) if load["kind"] == "rl"]
-            for name, node in document["node"].items()
-        }
+        self._branches, self._law = series_loads(document, ()), law_reader(document)
         self.parts: dict[Part, slice] = {}
         size = 0
         for part, at in Plant(self.whole).slices.items():
@@ -110,11 +106,10 @@ class Course:
 
     def plant(self, phase: Phase) -> Plant:
         """The equations of a phase. R-L loads are numbered as if all of them were on."""
-        off = {(target.name, target.index) for target in phase.gone if target.part == "load"}
+        off = indices_of_loads(phase.gone)
         names = {
-            name: tuple(str(n) for n, k in enumerate(where) if (name, k) not in off)
+            name: [str(n) for n, k in enumerate(where) if k not in off.get(name, ())]
             for name, where in self._branches.items()
-            if where
         }
         return Plant(decode(phase.spec), names)
 
@@ -126,7 +121,7 @@ class Course:
             if x is None:
                 x = self.begin(plant, self.start)
             elif stage is not None:
-                board = Switchboard(self.whole, stage.phase.gone, self._branches)
+                board = Switchboard(self.whole, self._branches, self._law, stage.phase.gone, stage.phase.settings)
                 x = after_events(board, stage.plant, plant, phase.events, x)
             stage = Stage(phase, plant, x, Follower(plant, x, tolerance, method))
             for piece in stage.follower.pieces(x, float(phase.start_second), float(phase.end_second)):

@@ -90,7 +90,7 @@ class Plant:
         self.inverters: dict[str, Inverter] = {}
         for node in grid.nodes:
             if node.dgu and node.name not in self.loops:
-                self.inverters[node.name] = inverter = _inverter(node.dgu)
+                self.inverters[node.name] = inverter = inverter_of(node.dgu)
                 self._place(("current", node.name), 2)
                 if inverter.rate:
                     self._place(("integrator", node.name), 2)
@@ -99,7 +99,8 @@ class Plant:
         for line in grid.lines:
             self._add_branch(("line", line.name), line.branch, line.start, line.end)
         for node in grid.nodes:
-            names = (numbers or {}).get(node.name) or [str(k) for k in range(len(node.branches))]
+            own = (numbers or {}).get(node.name)
+            names = [str(k) for k in range(len(node.branches))] if own is None else own
             for k, branch in zip(names, node.branches, strict=True):
                 self._add_branch(("branch", node.name, k), branch, node.name, None)
         for name, loop in self.loops.items():  # last: they may have an odd number of states
@@ -137,7 +138,7 @@ class Plant:
             A.add(at, at, -_matrix(impedance) / L)
             for node, sign in ((start, 1), (end, -1)):
                 if node is not None:  # L I' = V_start - V_end - Z I, and the current leaves the start
-                    source, reads, offset = self._voltage(node)
+                    source, reads, offset = self.read_voltage(node)
                     A.add(at, source, sign * reads / L)
                     b[at] += sign * offset / L
                     A.add(source, at, -sign * self._enters(node))
@@ -164,14 +165,14 @@ class Plant:
                 b[own] -= inverter.tracking @ u0[u]
         for j, name in enumerate(self.loaded):
             own = slice(2 * j, 2 * j + 2)
-            source, reads, offset = self._voltage(name)
+            source, reads, offset = self.read_voltage(name)
             S.add(own, source, reads)
             s[own] = offset
             D.add(source, own, self._enters(name))
         self.A, self.G, self.D, self.K, self.S = A.matrix(), G.matrix(), D.matrix(), K.matrix(), S.matrix()
         self.b, self.k, self.s = b, u0, s
 
-    def _voltage(self, name: str) -> tuple[slice, Array, Array]:
+    def read_voltage(self, name: str) -> tuple[slice, Array, Array]:
         """Where a node's voltage is read: the states, the matrix and the constant of V = matrix x + constant."""
         if name in self.loops:
             loop = self.loops[name]
@@ -188,7 +189,7 @@ class Plant:
 
     def voltage(self, x: Array, name: str) -> complex:
         """The voltage of a node; of a linear loop it is an output: the reference and what the states add."""
-        at, reads, offset = self._voltage(name)
+        at, reads, offset = self.read_voltage(name)
         return complex(*(reads @ x[at] + offset))
 
     @cached_property
@@ -196,7 +197,7 @@ class Plant:
         """The matrix and the constant of V = matrix x + constant, all nodes in the order of the spec."""
         rows, offsets = _Stamps(2 * len(self.nodes), self.size), numpy.zeros(2 * len(self.nodes))
         for k, name in enumerate(self.nodes):
-            at, reads, offset = self._voltage(name)
+            at, reads, offset = self.read_voltage(name)
             rows.add(slice(2 * k, 2 * k + 2), at, reads)
             offsets[2 * k : 2 * k + 2] = offset
         return rows.matrix(), offsets
@@ -359,7 +360,7 @@ def _capacitances(grid: Microgrid) -> dict[str, float]:
     return total
 
 
-def _inverter(dgu: Dgu) -> Inverter:
+def inverter_of(dgu: Dgu) -> Inverter:
     """The control law of a DGU as it is executed, with its own values of the plant."""
     if dgu.filter is None:
         raise ValueError("an inverter needs a filter")

@@ -11,12 +11,14 @@ Switching is ideal, and charge is conserved (FORMAT.md, scenarios):
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy
 
-from certify.kernel.spec import Microgrid
-from certify.simulate.plant import Array, Inverter, Part, Plant, settled
+from certify.kernel.spec import Filter, LinearLoop, Microgrid
+from certify.simulate.plant import Array, Inverter, Part, Plant, inverter_of, settled
 from certify.simulate.scenario import Event, Target
 
 State = dict[Part, Array]  # of each part its own states: two, or those of a linear loop
@@ -36,22 +38,47 @@ def put_together(plant: Plant, state: State) -> Array:
 
 
 class Switchboard:
-    """What is on in a microgrid, of which `whole` has everything on; its nodes' capacitances as things are switched.
+    """What is on in a microgrid and how it is set, as events go by; `whole` has everything on, as it is at first.
 
-    `branches`: which of the loads in the list of a node are series R-L loads.
+    `branches`: which of the loads in the list of a node are series R-L loads. `law` gives the controller of a name as a
+    DGU with a filter has it. `settings`: the references and controllers set so far.
     """
 
-    def __init__(self, whole: Microgrid, off: Iterable[Target], branches: Mapping[str, Sequence[int]]) -> None:
-        self.whole, self.off, self.branches = whole, set(off), branches
+    def __init__(
+        self,
+        whole: Microgrid,
+        branches: Mapping[str, Sequence[int]],
+        law: Callable[[str, Filter | None], Any],
+        off: Iterable[Target] = (),
+        settings: Iterable[Event] = (),
+    ) -> None:
+        self.whole, self.off, self.branches, self.law = whole, set(off), branches, law
         self.nodes = {node.name: node for node in whole.nodes}
+        self.dgus = {node.name: node.dgu for node in whole.nodes if node.dgu}
         self.lines = {line.name: line for line in whole.lines}
         self.lines_at: dict[str, list[str]] = {node.name: [] for node in whole.nodes}
         for line in whole.lines:
             self.lines_at[line.start].append(line.name)
             self.lines_at[line.end].append(line.name)
+        for event in settings:
+            self.set(event)
+
+    def set(self, event: Event) -> None:
+        """Another reference or controller of a DGU."""
+        dgu = self.dgus[event.target]
+        if event.reference_volt is not None:
+            dgu = replace(dgu, reference_volt=event.reference_volt)
+        if event.controller is not None:
+            dgu = replace(dgu, controller=self.law(event.controller, dgu.filter))
+        self.dgus[event.target] = dgu
+
+    def inverter(self, name: str) -> Inverter | None:
+        """The inverter at a node as it is set now, on or off; None for a linear loop."""
+        dgu = self.dgus[name]
+        return None if isinstance(dgu.controller, LinearLoop) else inverter_of(dgu)
 
     def has_dgu(self, name: str) -> bool:
-        return self.nodes[name].dgu is not None and Target("DGU", name) not in self.off
+        return name in self.dgus and Target("DGU", name) not in self.off
 
     def legs(self, name: str) -> float:
         """Farad of the node's own shunt and of its lines' legs, without the filter's."""
@@ -83,7 +110,6 @@ def after_events(board: Switchboard, before: Plant, after: Plant, events: Iterab
     state = take_apart(before, x)
     for name in before.nodes:
         state["voltage", name] = numpy.array([(V := before.voltage(x, name)).real, V.imag])
-    kept = dict(state)
     for event in events:
         name = event.target
         if event.action == "connect" and event.part == "line":
@@ -103,7 +129,13 @@ def after_events(board: Switchboard, before: Plant, after: Plant, events: Iterab
             for part in board.own_parts(event.switched):
                 state.pop(part, None)
         elif event.action == "controller":
-            _take_over(before, after, kept, state, name)
+            _take_over(board, event, state)
+        elif event.action == "reference":
+            board.set(event)
+        elif event.action == "connect":  # a load
+            for part in board.own_parts(event.switched):
+                state[part] = numpy.zeros(2)
+            board.off.discard(event.switched)
     for name, loop in after.loops.items():  # their voltage is an output, and does not jump with their reference
         if ("loop", name) in state:
             missing = state["voltage", name] - loop.reference - loop.C @ state["loop", name]
@@ -141,7 +173,9 @@ def _connect_dgu(board: Switchboard, after: Plant, state: State, name: str, old_
             state["voltage", name] = V  # of the legs, the charge of which the loop now has a share of
             _share_charge(board, after, state, name, old_legs)
         return
-    inverter = after.inverters[name]
+    inverter = board.inverter(name)
+    if inverter is None:
+        return
     voltage = complex(*V)
     current = 1j * after.w0 * inverter.capacitance_farad * voltage
     if discharged:
@@ -162,14 +196,19 @@ def _settled(inverter: Inverter, V: complex, current: complex, wanted: complex) 
         return numpy.zeros(2)
 
 
-def _take_over(before: Plant, after: Plant, kept: State, state: State, name: str) -> None:
-    """A new controller: its integrator is such that the voltage applied does not jump."""
-    if name not in before.inverters or name not in after.inverters or not after.inverters[name].rate:
+def _take_over(board: Switchboard, event: Event, state: State) -> None:
+    """A new controller: its integrator is such that the voltage applied, within the limits, does not jump."""
+    name = event.target
+    old = board.inverter(name)
+    board.set(event)
+    new = board.inverter(name)
+    if old is None or new is None or ("current", name) not in state:  # a linear loop, or off
         return
-    V, current = (complex(*kept[kind, name]) for kind in ("voltage", "current"))
-    old = before.inverters[name]
-    u = old.law(V, current, complex(*kept["integrator", name]) if old.rate else 0j)
+    V, current = (complex(*state[kind, name]) for kind in ("voltage", "current"))
+    u = old.law(V, current, complex(*state["integrator", name]) if old.rate else 0j)
     if old.limits_volt:
-        (d, q) = old.limits_volt
+        d, q = old.limits_volt
         u = complex(min(max(u.real, -d), d), min(max(u.imag, -q), q))
-    state["integrator", name] = _settled(after.inverters[name], V, current, u)
+    state.pop(("integrator", name), None)
+    if new.rate:
+        state["integrator", name] = _settled(new, V, current, u)
