@@ -177,7 +177,9 @@ def _add_simulate(command: Callable[[str, str, str], argparse.ArgumentParser]) -
         "exit codes of this command: 0 simulated, 2 usage or bad input, 3 diverged: floats refute nothing",
     )
     simulate.add_argument("spec", metavar="SPEC", help="the microgrid, TOML or JSON")
-    simulate.add_argument("--scenario", metavar="NAME", help="a scenario of the spec; without one nothing happens to it")
+    simulate.add_argument(
+        "--scenario", metavar="NAME", help="a scenario of the spec; without one nothing happens to it"
+    )
     simulate.add_argument(
         "--end", metavar="T", help='stop at T, seconds or such as "500 ms" (default: the end of the scenario, or 1 s)'
     )

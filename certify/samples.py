@@ -32,6 +32,8 @@ MAX_LINE = 1 << 26  # bytes of a line of CSV
 AGREEMENT = 1e-6  # of the reference: how well the voltage at a linear loop has to agree with the states of the loop
 UNITS = {"voltage": "V", "current": "A", "integrator": "V s", "line": "A", "branch": "A"}
 Values = dict[str, float | None]
+SHOWN = 6  # names that are no columns; all faults of a number are told
+UNREADABLE = (ValueError, KeyError, EOFError, RecursionError, zipfile.BadZipFile, zlib.error, csv.Error, RuntimeError)
 
 
 def column_units(simulation: Simulation) -> tuple[str, ...]:
@@ -42,8 +44,8 @@ def column_units(simulation: Simulation) -> tuple[str, ...]:
 def write_samples(path: Path, simulation: Simulation, about: Mapping[str, Any]) -> None:
     """Write all samples, whole or not at all, as the suffix says: .csv, or .npz with `about` as JSON beside them.
 
-    CSV: a line for each time, "t" and then the columns with their units, empty where a part is off; numbers so that they
-    are read back exactly. NPZ: `times` in s, `states` in SI, `columns`, `units`, `metadata`. Raises: OSError.
+    CSV: a line for each time, "t" and then the columns with their units, empty where a part is off; all digits, so that
+    numbers are read back exactly. NPZ: `times` in s, `states` in SI, `columns`, `units`, `metadata`. Raises: OSError.
     """
     with open_atomically(path) as file:
         if path.suffix.lower() == ".csv":
@@ -74,7 +76,7 @@ def read_state(path: str, course: Course) -> Array:
     """A state to start from, in the columns of `Course.parts`: of a .npz or .csv as `write_samples` makes it the last.
 
     Any other file is JSON: a table of all columns of the first phase by name, or a list of all columns in their order.
-    Numbers are SI. Columns of what is off in the first phase may be left out, empty, null or NaN, and are of no account.
+    Numbers are SI. Columns of what is off in the first phase may be left out, empty or null, and are of no account.
     Raises: SpecError U006 with everything that is wrong.
     """
     columns = tuple(name for part, at in course.parts.items() for name in column_names(part, at.stop - at.start))
@@ -109,9 +111,10 @@ def _read_values(path: str, columns: tuple[str, ...]) -> Values:
                 raise _refused(f"{path} is no file")
             return _last_of_npz(path) if kind == ".npz" else _last_of_csv(path)
         return _from_json(path, columns)
-    except (ValueError, KeyError, EOFError, RecursionError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+    except UNREADABLE as error:
         what = f"samples written by `certify simulate -o FILE{kind}`" if kind in SUFFIXES else "a state as JSON"
-        raise _refused(f"{path} is not {what}: {shorten(str(error) or type(error).__name__, 100)}") from None
+        reason = shorten(str(error) or type(error).__name__, 100).strip("'\"")
+        raise _refused(f"{path} is not {what}: {reason}") from None
 
 
 def _from_json(path: str, columns: tuple[str, ...]) -> Values:
@@ -174,7 +177,7 @@ def _last_of_npz(path: str) -> Values:
             return numpy.frombuffer(data, dtype=dtype, count=count)
 
         file, shape, dtype = member("columns")
-        if len(shape) != 1 or dtype.kind != "U":
+        if len(shape) != 1 or dtype.kind != "U" or shape[0] * dtype.itemsize > MAX_LINE:
             raise ValueError("the array 'columns' is no list of names")
         names = [str(name) for name in content(file, shape[0], dtype)]
         file, shape, dtype = member("states")
@@ -223,9 +226,12 @@ def _find_faults(values: Values, columns: tuple[str, ...], course: Course) -> It
     import difflib
 
     known = set(columns)
-    for name in (x for x in values if x not in known):
+    strange = [name for name in values if name not in known]
+    for name in strange[:SHOWN]:
         near = difflib.get_close_matches(name[:80], columns[:2000], 1)
         yield f"{shorten(name, 80)} is no column here" + (f"; did you mean {near[0]!r}?" if near else "")
+    if len(strange) > SHOWN:
+        yield f"and {len(strange) - SHOWN} more names that are no columns here: is it a state of another network?"
     plant = course.plant(course.phases[0])
     sizes, natural = numpy.full(course.size, numpy.nan), natural_sizes(plant, None)
     for part, at in plant.slices.items():

@@ -152,8 +152,8 @@ class _Open:
             peaks = numpy.where(top, middle + (after - before) ** 2 / (8 * bend), 0.0)
             where = numpy.where(top, (after - before) / (2 * bend), 0.0)
         self.largest = numpy.maximum(self.largest, numpy.maximum(sizes.max(axis=0), peaks.max(axis=0, initial=0.0)))
-        outside = (sizes > self.bands[:, None]).any(axis=2)
-        beside = (peaks > self.bands[:, None]).any(axis=2)
+        outside = sizes.max(axis=2) > self.bands
+        beside = peaks.max(axis=2) > self.bands
         step = times[1] - times[0]
         for k in map(int, numpy.flatnonzero(outside.any(axis=0) | beside.any(axis=0))):
             seen = outside[:, k].copy()

@@ -202,10 +202,11 @@ def simulate(
     Raises: SpecError for bad input. A motion that leaves all bounds is no error: see `Simulation.diverged`.
     """
     course = Course(spec, scenario, end)
-    times = sample_times(course, samples) if isinstance(samples, int) else numpy.asarray(samples, dtype=float)
-    if len(times) * course.size > MAX_NUMBERS:
-        message = f"{len(times)} samples of {course.size} states are more than {MAX_NUMBERS} numbers; take fewer"
+    count = samples if isinstance(samples, int) else len(samples)
+    if count * course.size > MAX_NUMBERS:
+        message = f"{count} samples of {course.size} states are more than {MAX_NUMBERS} numbers; take fewer"
         raise SpecError((Fault("U007", "--samples", message),))
+    times = sample_times(course, samples) if isinstance(samples, int) else numpy.asarray(samples, dtype=float)
     x = None
     if isinstance(start, str):
         course.start = start

@@ -44,7 +44,7 @@ def write_results(options: argparse.Namespace, spec: bytes, certificate: bytes) 
 
 
 def check_folder(path: str, names: Iterable[str], spec: str, option: str = "-o") -> None:
-    """Faults of an option that can be told before any work is done: a folder that is there or can be made, for these files.
+    """Faults of an option that can be told before any work is done: a folder is there or can be made, for these files.
 
     Raises: SpecError.
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from certify import __version__
-from certify.inputs import decode_all, read
+from certify.inputs import read
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import QuantityError, parse_decimal, parse_quantity, shorten
 from certify.kernel.reader import read_document
@@ -31,10 +32,12 @@ SIMULATED, DIVERGED = 0, 3  # exit codes: no float refutes anything
 BAND = "0.01 %"
 TOLERANCES = (Fraction(1, 10**13), Fraction(1, 100))
 MAX_SAMPLES = 10**8
+MAX_SECONDS = 10**9
 BLURRED = 100  # times what a step may add to the error: a narrower band says little
 SHOWN_DGUS = 12
 SHOWN_PHASES = 24
 SHOWN_EVENTS = 8
+KINDS = ("svg", "png")
 PICTURES = ("voltages", "errors", "zoom", "terminals", "storage")
 EVIDENCE = "computed in floats, with the values of the spec: what happens, but no proof"
 
@@ -111,7 +114,7 @@ def run(options: argparse.Namespace, progress: Progress | None) -> int:
     outcome = Outcome(course, wish, simulation, watch.result(simulation))
     outcome = Outcome(course, wish, simulation, outcome.phases, _write(options, spec, outcome))
     if options.json:
-        print(json.dumps(outcome_to_dict(outcome, options), indent=1, ensure_ascii=False))
+        print(json.dumps(_finite(outcome_to_dict(outcome, options)), indent=1, ensure_ascii=False))
     else:
         print(render_outcome(outcome, options, sys.stdout.isatty()))
     return outcome.code
@@ -121,14 +124,16 @@ def read_wish(options: argparse.Namespace, spec: bytes | None) -> Wish:
     """The numbers among the options. Raises: SpecError U005 with all that are of no use."""
     faults: list[Fault] = []
 
-    def number(option: str, text: str, parse: Callable[[str], Fraction], good: Callable[[Fraction], bool]) -> Any:
+    def number(
+        option: str, text: str, parse: Callable[[str], Fraction], good: Callable[[Fraction], bool], expected: str
+    ) -> Any:
         try:
             value = parse(text)
         except QuantityError as error:
             faults.append(Fault("U005", option, error.message))
             return None
         if not good(value):
-            faults.append(Fault("U005", option, f"{shorten(text)} is out of range"))
+            faults.append(Fault("U005", option, f"expected {expected}, got {shorten(text)}"))
             return None
         return value
 
@@ -136,14 +141,17 @@ def read_wish(options: argparse.Namespace, spec: bytes | None) -> Wish:
     pu = {"V": base} if base else {}
     end = None
     if options.end is not None:
-        end = number("--end", options.end, lambda x: parse_quantity(x, "s", {}), lambda x: 0 < x <= 10**9)
+        expected = f"a time after 0 s, up to {MAX_SECONDS:.0e} s"
+        end = number(
+            "--end", options.end, lambda x: parse_quantity(x, "s", {}), lambda x: 0 < x <= MAX_SECONDS, expected
+        )
     low, high = TOLERANCES
-    tolerance = number("--tolerance", options.tolerance, parse_decimal, lambda x: low <= x <= high)
+    tolerance = number("--tolerance", options.tolerance, parse_decimal, lambda x: low <= x <= high, "1e-13 to 1e-2")
     if not 1 <= options.samples <= MAX_SAMPLES:
         faults.append(Fault("U005", "--samples", f"expected a number from 1 to {MAX_SAMPLES}, got {options.samples}"))
     text = BAND if options.band is None else options.band
     share = text.strip().endswith("%")
-    band = number("--band", text, lambda x: parse_quantity(x, "" if share else "V", pu), lambda x: x > 0)
+    band = number("--band", text, lambda x: parse_quantity(x, "" if share else "V", pu), lambda x: x > 0, "more than 0")
     if faults:
         raise SpecError(tuple(faults))
 
@@ -186,7 +194,8 @@ def _check_targets(options: argparse.Namespace) -> None:
             faults.append(Fault("U001", "-o", f"cannot write {options.output}: {reason}"))
     if options.plot is not None:
         try:
-            check_folder(options.plot, (f"{x}.{kind}" for x in PICTURES for kind in ("svg", "png")), options.spec, "--plot")
+            names = [f"{name}.{kind}" for name in PICTURES for kind in KINDS]
+            check_folder(options.plot, names, options.spec, "--plot")
         except SpecError as error:
             faults += error.faults
     if faults:
@@ -201,7 +210,7 @@ def _write(options: argparse.Namespace, spec: bytes, outcome: Outcome) -> tuple[
             "certify": __version__,
             "spec": options.spec,
             "spec_sha256": hashlib.sha256(spec).hexdigest(),
-            **_summary(outcome, options),
+            **_finite(_summary(outcome, options)),
             "phases": outcome.simulation.phases,
         }
         try:
@@ -215,7 +224,7 @@ def _write(options: argparse.Namespace, spec: bytes, outcome: Outcome) -> tuple[
 
         title = f"{Path(options.spec).name}{f', scenario {options.scenario}' if options.scenario else ''}"
         figures = draw_figures(outcome.course, outcome.simulation, outcome.phases, title)
-        pictures = {f"{name}.{kind}": to_bytes(x, kind) for name, x in figures.items() for kind in ("svg", "png")}
+        pictures = {f"{name}.{kind}": to_bytes(x, kind) for name, x in figures.items() for kind in KINDS}
         write_folder(options.plot, pictures, "--plot")
         files += [str(Path(options.plot) / name) for name in pictures]
     return tuple(files)
@@ -239,7 +248,8 @@ def render_outcome(outcome: Outcome, options: argparse.Namespace, colour: bool =
     lines.append(EVIDENCE)
     if options.output is not None:
         until = f", up to {simulation.times[-1]:.9g} s" if simulation.diverged and len(simulation.times) else ""
-        lines.append(f"samples: {len(simulation.times)} of {len(simulation.columns)} columns in {options.output}{until}")
+        count = f"{len(simulation.times)} of {len(simulation.columns)} columns"
+        lines.append(f"samples: {count} in {options.output}{until}")
     if options.plot is not None:
         drawn = [Path(file).stem for file in outcome.files if file.endswith(".svg")]
         lines.append(f"pictures: {', '.join(drawn)} in {options.plot}" if drawn else "pictures: none, nothing to see")
@@ -267,7 +277,7 @@ def _render_band(outcome: Outcome) -> list[str]:
 
 def _render_phase(entry: PhaseCourse, outcome: Outcome) -> list[str]:
     phase, told = entry.phase, _followed(outcome.simulation, entry)
-    counts = [f"{told['windows']} windows"]
+    counts = [f"{told['windows']} window{'' if told['windows'] == 1 else 's'}"]
     limited = any(node.dgu and node.dgu.limits_volt for node in outcome.course.whole.nodes)
     if limited:
         counts.append(f"{told['switches']} times in or out of limits")
@@ -292,10 +302,11 @@ def _render_phase(entry: PhaseCourse, outcome: Outcome) -> list[str]:
         lines.append(f"  and {len(rest)} more DGUs{settled} (--json has them all)")
     if entry.lowest and entry.highest:
         (low, low_node), (high, high_node) = entry.lowest, entry.highest
-        lines.append(f"  nodes without a DGU: |V| from {low:.6g} V (node {low_node}) to {high:.6g} V (node {high_node})")
+        span = f"from {low:.6g} V (node {low_node}) to {high:.6g} V (node {high_node})"
+        lines.append(f"  nodes without a DGU: |V| {span}")
     if entry.off_rest and entry.complete:
-        rest = "the equilibrium without limits" if limited else "an equilibrium"
-        lines.append(f"  at the end {entry.off_rest[0]:.3g} V away from {rest} (node {entry.off_rest[1]})")
+        what = "the equilibrium without limits" if limited else "an equilibrium"
+        lines.append(f"  at the end {entry.off_rest[0]:.3g} V away from {what} (node {entry.off_rest[1]})")
     return lines
 
 
@@ -332,14 +343,14 @@ def _followed(simulation: Simulation, entry: PhaseCourse) -> dict[str, Any]:
 
 def _summary(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
     simulation = outcome.simulation
-    diverged = simulation.diverged
+    off = simulation.diverged
     return {
         "scenario": options.scenario,
         "outcome": outcome.word,
         "start": simulation.start,
         "end": outcome.course.end,
         "tolerance": outcome.wish.tolerance,
-        "diverged": None if diverged is None else {"at": diverged.at_second, "part": diverged.part, "value": diverged.value},
+        "diverged": None if off is None else {"at": off.at_second, "part": off.part, "value": off.value},
     }
 
 
@@ -350,9 +361,7 @@ def outcome_to_dict(outcome: Outcome, options: argparse.Namespace) -> dict[str, 
         **_summary(outcome, options),
         "samples": len(outcome.simulation.times),
         "states": outcome.course.size,
-        "phases": [
-            {**_followed(outcome.simulation, entry), **_phase_to_dict(entry)} for entry in outcome.phases
-        ],
+        "phases": [{**_followed(outcome.simulation, entry), **_phase_to_dict(entry)} for entry in outcome.phases],
         "files": list(outcome.files),
         "about": EVIDENCE,
         "exit_code": outcome.code,
@@ -390,6 +399,15 @@ def _phase_to_dict(entry: PhaseCourse) -> dict[str, Any]:
         "nodes_without_dgu": {"lowest": _at_node(entry.lowest), "highest": _at_node(entry.highest)},
         "from_equilibrium": _at_node(entry.off_rest),
     }
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no infinity, which a motion that diverges may reach."""
+    if isinstance(value, dict):
+        return {key: _finite(x) for key, x in value.items()}
+    if isinstance(value, list):
+        return [_finite(x) for x in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _at_node(found: tuple[float, str] | None) -> dict[str, Any] | None:

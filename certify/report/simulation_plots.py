@@ -22,7 +22,7 @@ DASHES: tuple[Any, ...] = ("-", "-", "-", "-", "-", "-", (0, (5, 1.6)), (0, (1, 
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 ZOOM = 5  # bands in each direction
 LABELLED_EVENTS = 6  # more are lines without text
-LENGTH = 34  # characters of the text of an event
+OFF = complex(numpy.nan, numpy.nan)
 Storage = tuple[Array, Array, str]  # times in s, H in J, what is said of it
 
 
@@ -33,25 +33,28 @@ def draw_figures(
     title: str,
     storage: Storage | None = None,
 ) -> dict[str, Figure]:
-    """The figures by name: "voltages", "errors", "zoom"; "terminals" if there are limits; "storage" if H is given.
+    """The figures by name: "voltages", "errors"; "zoom" if any error comes near zero; "terminals" if there are limits;
+    "storage" if H is given.
 
     Needs at least two samples. More than 8 DGUs: quantiles over all that are on, and the one that is farthest off.
     """
     names = [node.name for node in course.whole.nodes if node.dgu]
-    others = [node.name for node in course.whole.nodes if not node.dgu]
+    elsewhere = {n.name: abs(simulation.phasor("voltage", n.name)) for n in course.whole.nodes if not n.dgu}
     V = {name: simulation.phasor("voltage", name) for name in names}
     references = _references(simulation.times, phases, names)
     errors = {name: V[name] - references[name] for name in names}
     for name in names:  # where a DGU is off, its node's voltage is not its own
-        V[name] = numpy.where(numpy.isnan(references[name]), numpy.nan, V[name])
+        V[name] = numpy.where(numpy.isnan(references[name]), OFF, V[name])
     band = max((dgu.band_volt for entry in phases for dgu in entry.dgus), default=1.0)
     events = _events(phases)
     with style():
         figures = {
-            "voltages": _voltages(simulation, V, {n: abs(simulation.phasor("voltage", n)) for n in others}, events, title),
+            "voltages": _voltages(simulation.times, V, elsewhere, events, title),
             "errors": _errors(simulation.times, errors, band, events, title),
-            "zoom": _zoom(simulation.times, errors, band, events, title),
         }
+        finals = [max(map(abs, dgu.final_volt)) for entry in phases for dgu in entry.dgus]
+        if min(finals, default=0.0) <= ZOOM * band:  # else there is but noise to see
+            figures["zoom"] = _zoom(simulation.times, errors, band, events, title)
         shares = terminal_shares(course, simulation)
         if shares:
             figures["terminals"] = _terminals(simulation.times, shares, events, title)
@@ -90,7 +93,7 @@ def _references(times: Array, phases: Sequence[PhaseCourse], names: Sequence[str
         rows = times >= float(entry.phase.start_second)
         on = {dgu.node: dgu.reference_volt for dgu in entry.dgus}
         for name in names:
-            found[name][rows] = on.get(name, complex(numpy.nan, numpy.nan))
+            found[name][rows] = on.get(name, OFF)
     return found
 
 
@@ -100,8 +103,7 @@ def _events(phases: Sequence[PhaseCourse]) -> list[tuple[float, str]]:
     found = []
     for entry in phases:
         if entry.phase.events:
-            told = event_in_words(entry.phase.events[0])
-            told = told if len(told) <= LENGTH else told.split(":")[0]
+            told = event_in_words(entry.phase.events[0]).split(":")[0]
             more = len(entry.phase.events) - 1
             found.append((float(entry.phase.start_second), shorten_name(told) + (f" and {more} more" if more else "")))
     return found
@@ -142,12 +144,13 @@ def _draw(ax: Axes, times: Array, curves: Mapping[str, Array], label: str) -> No
     """Curves one by one, or quantiles of many and the one that is farthest from zero at the end."""
     if len(curves) <= NAMED:
         for k, (name, curve) in enumerate(curves.items()):
-            ax.plot(times, curve, color=COLOURS[k], linestyle=DASHES[k], linewidth=1.3, label=shorten_name(f"{label} {name}"))
+            told = f"{label} {shorten_name(name)}"
+            ax.plot(times, curve, color=COLOURS[k], linestyle=DASHES[k], linewidth=1.3, label=told)
         return
     stacked = numpy.stack([*curves.values()])
     on = numpy.isfinite(stacked).any(axis=0)
     q = numpy.full((len(QUANTILES), len(times)), numpy.nan)
-    q[:, on] = numpy.nanquantile(stacked[:, on], QUANTILES, axis=1)
+    q[:, on] = numpy.nanquantile(stacked[:, on], QUANTILES, axis=0)
     plural = f"{len(curves)} {label}s"
     shade: dict[str, Any] = {"color": "#0072B2", "linewidth": 0}
     ax.fill_between(times, q[0], q[-1], alpha=0.12, label=f"all {plural}", **shade)
@@ -162,7 +165,7 @@ def _draw_farthest(ax: Axes, times: Array, errors: Mapping[str, Any], axis: int)
         last = {name: abs(e[-1]) for name, e in errors.items() if numpy.isfinite(e[-1])}
         if last:
             name = max(last, key=lambda x: last[x])
-            label = shorten_name(f"DGU {name}, farthest off at the end")
+            label = f"farthest at the end: {shorten_name(name)}"
             ax.plot(times, (errors[name].real, errors[name].imag)[axis], color="#D55E00", linewidth=1.1, label=label)
 
 
@@ -177,21 +180,20 @@ def _finish(figure: Figure, axes: Sequence[Axes]) -> Figure:
 
 
 def _voltages(
-    simulation: Simulation,
+    times: Array,
     V: Mapping[str, Any],
     others: Mapping[str, Array],
     events: Sequence[tuple[float, str]],
     title: str,
 ) -> Figure:
-    times = simulation.times
     figure, axes = _frame(2 + bool(others), times, events, f"Voltages: {title}")
     for k, axis in enumerate(AXES):
         _draw(axes[k], times, {name: (x.real, x.imag)[k] / 1e3 for name, x in V.items()}, "DGU")
         axes[k].set_ylabel(f"V {axis} at DGUs (kV)")
     if others:
         stacked = numpy.stack([*others.values()]) / 1e3
-        shade: dict[str, Any] = {"color": "#009E73", "linewidth": 0}
-        axes[2].fill_between(times, stacked.min(axis=0), stacked.max(axis=0), alpha=0.25, label="nodes without DGU", **shade)
+        shade: dict[str, Any] = {"color": "#009E73", "linewidth": 0, "alpha": 0.25, "label": "nodes without DGU"}
+        axes[2].fill_between(times, stacked.min(axis=0), stacked.max(axis=0), **shade)
         axes[2].plot(times, numpy.median(stacked, axis=0), color="#00664B", linewidth=1.2, label="their median")
         axes[2].set_ylabel("|V| elsewhere (kV)")
     return _finish(figure, axes)
@@ -200,12 +202,13 @@ def _voltages(
 def _errors(
     times: Array, errors: Mapping[str, Any], band: float, events: Sequence[tuple[float, str]], title: str
 ) -> Figure:
-    """Linear within the band, by decades outside of it: so a decay is a straight line, and an oscillation keeps its sign."""
-    from matplotlib.ticker import SymmetricalLogLocator
-
+    """Linear within the band, by decades outside of it: what is exponential is straight, and keeps its sign."""
     figure, axes = _frame(2, times, events, f"Errors: {title}")
     largest = max((float(numpy.nanmax(abs(e))) for e in errors.values() if numpy.isfinite(e).any()), default=band)
-    top = 10 ** numpy.ceil(numpy.log10(max(largest / band, 10.0))) * band
+    top = 1.5 * max(largest, 10 * band)
+    decades = 10.0 ** numpy.arange(numpy.floor(numpy.log10(band)) + 1, numpy.log10(top))
+    decades = decades[decades > 2.5 * band]
+    decades = decades[:: max(1, round(len(decades) / 5))]
     for k, axis in enumerate(AXES):
         ax = axes[k]
         ax.axhspan(-band, band, color="#EFEFEF", zorder=0, label=f"band, ±{band:g} V")
@@ -213,7 +216,8 @@ def _errors(
         _draw_farthest(ax, times, errors, k)
         ax.set_yscale("symlog", linthresh=band, linscale=0.7)
         ax.set_ylim(-top, top)
-        ax.yaxis.set_major_locator(SymmetricalLogLocator(base=10, linthresh=band, subs=[1.0]))
+        ax.set_yticks([*-decades[::-1], -band, 0.0, band, *decades])
+        ax.set_yticks([], minor=True)
         ax.yaxis.set_major_formatter(lambda y, _: f"{y:g}")
         ax.set_ylabel(f"V {axis} - V* {axis} (V)")
     return _finish(figure, axes)
@@ -233,20 +237,17 @@ def _zoom(
     return _finish(figure, axes)
 
 
-def _terminals(
-    times: Array, shares: Mapping[str, Array], events: Sequence[tuple[float, str]], title: str
-) -> Figure:
+def _terminals(times: Array, shares: Mapping[str, Array], events: Sequence[tuple[float, str]], title: str) -> Figure:
     """What laws ask for over what inverters can apply; beyond 100 % that is cut off."""
     figure, axes = _frame(2, times, events, f"Terminal voltages: {title}")
     for k, axis in enumerate(AXES):
         ax = axes[k]
         asked = {name: 100 * x[:, k] for name, x in shares.items()}
-        largest = max((float(numpy.nanmax(abs(x))) for x in asked.values() if numpy.isfinite(x).any()), default=0.0)
+        known = numpy.concatenate([x[numpy.isfinite(x)] for x in asked.values()])
         for sign in (-1, 1):
             ax.axhline(sign * 100, color="black", linewidth=1.0, label="limits of the inverter" if sign > 0 else None)
         _draw(ax, times, asked, "DGU")
-        edge = 1.08 * max(largest, 110.0)
-        ax.set_ylim(-edge, edge)
+        ax.set_ylim(1.08 * min(known.min(initial=0.0), -110.0), 1.08 * max(known.max(initial=0.0), 110.0))
         ax.set_ylabel(f"u {axis} asked for (% of limit)")
     return _finish(figure, axes)
 
