@@ -146,9 +146,7 @@ def test_rapid_oscillations_are_not_overlooked() -> None:
             assert e.max() >= max(dgu.largest_volt) * 0.99
 
 
-def test_what_never_settles_and_what_is_settled_all_along(
-    small: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_what_never_settles_and_what_is_settled_all_along(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", str(small), "--start", "equilibrium", "--end", "5ms"]) == 0
     assert capsys.readouterr().out.count("all along") == 2
     assert main(["simulate", OSCILLATOR, "--start", "zero", "--end", "0.05"]) == 0
