@@ -318,6 +318,16 @@ def run_loads(options: argparse.Namespace) -> int:
         return _bad_input(options, (Fault("U001", "-o", f"cannot write: {error.strerror}"),), options.table)
 
 
+def run_simulate(options: argparse.Namespace) -> int:
+    from certify.report.simulation import run
+
+    try:
+        with _progress(f"simulating {options.spec}", "s") as progress:
+            return run(options, progress)
+    except SpecError as error:
+        return _bad_input(options, error.faults)
+
+
 def _designed(options: argparse.Namespace, run: Callable[[argparse.Namespace, Any, dict[str, int]], int]) -> int:
     """A command that makes new specs out of one: it proves more than once, and reports for itself."""
     try:
@@ -355,21 +365,24 @@ def _read_older(path: str) -> bytes:
 
 
 @contextlib.contextmanager
-def _progress(title: str) -> Any:
-    """A progress bar on a terminal, but only for what takes longer than a second."""
+def _progress(title: str, unit: str = "") -> Any:
+    """A progress bar on a terminal, but only for what takes longer than a second; with a unit it tells how much."""
     if not sys.stderr.isatty():
         yield None
         return
     started = time.perf_counter()
     bar: Any = None
 
-    def progress(done: int, total: int) -> None:
+    def progress(done: float, total: float) -> None:
         nonlocal bar
         if bar is None and time.perf_counter() - started > 1:
             from rich.console import Console
-            from rich.progress import Progress
+            from rich.progress import Progress, TextColumn
 
-            bar = Progress(console=Console(stderr=True), transient=True)
+            columns = [*Progress.get_default_columns()]
+            if unit:
+                columns.append(TextColumn(f"{{task.completed:.3g}} of {{task.total:.6g}} {unit}"))
+            bar = Progress(*columns, console=Console(stderr=True), transient=True)
             bar.start()
             bar.add_task(title, total=total)
         if bar is not None:
@@ -461,6 +474,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "synth": run_synth,
     "tolerance": run_tolerance,
     "loads": run_loads,
+    "simulate": run_simulate,
 }
 
 

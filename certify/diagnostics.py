@@ -260,6 +260,30 @@ _ALL = (
         "name a file that `certify prove SPEC -o CERT` has written, or leave --reuse out",
     ),
     Diagnostic(
+        "U005",
+        "a number with which nothing can be simulated",
+        "A simulation begins at 0 s and ends after it, a scenario not after its own end; its tolerance is what each "
+        "step may add to the error of a state, as a share of its size; errors within the band count as settled.",
+        '--end "0.5 s", not after the end of the scenario; --tolerance 1e-13 to 1e-2; --samples 1 or more; --band '
+        '"2 V", "0.0001 pu" or "0.01 %"',
+    ),
+    Diagnostic(
+        "U006",
+        "not a state to start from",
+        "A start is flat (each node at the reference of the nearest DGU, no currents), zero, equilibrium, or a FILE: "
+        "samples written by `certify simulate -o` (.npz or .csv), of which the last is taken, or JSON with a number in "
+        "SI for each column of what is on in the first phase, by name, or a list of all columns. What is off may be "
+        "null.",
+        "begin with the columns of `certify simulate SPEC -o state.csv`, which has their names and units",
+        '{"voltage at node a, d": 20000, "voltage at node a, q": 0, ...}',
+    ),
+    Diagnostic(
+        "U007",
+        "more than fits into memory",
+        "All samples of all states are kept, as one table of numbers.",
+        "fewer --samples, or a shorter --end",
+    ),
+    Diagnostic(
         "K101",
         "not a certificate",
         "The file is not JSON of the certificate's shape.",

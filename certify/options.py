@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 
 from certify import __version__
 from certify.search.methods import METHODS
@@ -160,7 +161,51 @@ def build_parser() -> argparse.ArgumentParser:
     loads.add_argument("--cells", metavar="N", type=int, help="of a map, in each direction (default: 61)")
     loads.add_argument("--jobs", metavar="N", type=int, help="processes (default: all cores for large tables)")
     add_method(loads)
+    _add_simulate(command)
     for sub in (synth, tolerance):
         sub.add_argument("-o", "--output", metavar="OUT_SPEC", help="where to write the new spec, if it is certified")
         sub.add_argument("--cert", metavar="CERT", help="where to write the certificate of the new spec; needs -o")
     return parser
+
+
+def _add_simulate(command: Callable[[str, str, str], argparse.ArgumentParser]) -> None:
+    simulate = command(
+        "simulate",
+        "simulate a microgrid in floats: what it does, without a proof",
+        "certify simulate specs/cigre-mv.toml --scenario plug-in -o plug-in.npz --plot pictures\n"
+        "  certify simulate specs/cigre-mv.toml --end 0.5s --start plug-in.npz\n\n"
+        "exit codes of this command: 0 simulated, 2 usage or bad input, 3 diverged: floats refute nothing",
+    )
+    simulate.add_argument("spec", metavar="SPEC", help="the microgrid, TOML or JSON")
+    simulate.add_argument(
+        "--scenario", metavar="NAME", help="a scenario of the spec; without one nothing happens to it"
+    )
+    simulate.add_argument(
+        "--end", metavar="T", help='stop at T, seconds or such as "500 ms" (default: the end of the scenario, or 1 s)'
+    )
+    simulate.add_argument(
+        "--start",
+        metavar="START",
+        help="flat, zero, equilibrium, or a FILE: what -o has written, of which the last sample is taken, or JSON "
+        "(`certify explain U006`); default: that of the scenario, or flat",
+    )
+    simulate.add_argument(
+        "--samples", metavar="N", type=int, default=1000, help="of -o and --plot, evenly spaced (default: 1000)"
+    )
+    simulate.add_argument(
+        "--tolerance",
+        metavar="X",
+        default="1e-8",
+        help="what each step may add to the error of a state, as a share of its size (default: 1e-8)",
+    )
+    simulate.add_argument(
+        "--method", choices=("exponential", "collocation"), help="default: exponential for small networks"
+    )
+    simulate.add_argument(
+        "--band",
+        metavar="V",
+        help='errors of both axes within it count as settled: "2 V", "0.0001 pu", or a share of the base voltage, else '
+        'of each reference (default: "0.01 %%")',
+    )
+    simulate.add_argument("-o", "--output", metavar="FILE", help="where to write all samples, .npz or .csv")
+    simulate.add_argument("--plot", metavar="FOLDER", help="draw voltages and errors there, as SVG and PNG")

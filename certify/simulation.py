@@ -26,7 +26,7 @@ DEFAULT_SAMPLES = 1000
 TOLERANCE = 1e-8
 MAX_NUMBERS = 1 << 27  # of all samples together: 1 GiB
 AXES = ("d", "q")
-Progress = Callable[[float, float], None]
+Progress = Callable[[float, float], None]  # s that are done, and all of them
 
 
 @dataclass(frozen=True)
@@ -129,11 +129,11 @@ class Course:
                 x = piece.last
 
     def begin(self, plant: Plant, start: str) -> Array:
-        """A state to start from. Raises: SpecError U005 if there is no equilibrium to start from."""
+        """A state to start from. Raises: SpecError U006 if there is no equilibrium to start from."""
         first = start_state(plant, start)
         if first is None:
             message = "no equilibrium inside the limits of the inverters was found; start from flat or zero"
-            raise SpecError((Fault("U005", "--start", message),))
+            raise SpecError((Fault("U006", "--start", message),))
         return first
 
     def spread(self, plant: Plant, states: Array) -> Array:
@@ -154,7 +154,9 @@ class Course:
 
 
 def _until(phases: tuple[Phase, ...], end: Fraction) -> tuple[Phase, ...]:
-    """The phases up to a time in s. Raises: SpecError U005 if that is after their end."""
+    """The phases up to a time in s. Raises: SpecError U005 if that is after their end, or not after their start."""
+    if end <= 0:
+        raise SpecError((Fault("U005", "--end", f"{to_text(end)} s is not after the start"),))
     if end > phases[-1].end_second:
         message = f"{to_text(end)} s is after the end of the scenario, {to_text(phases[-1].end_second)} s"
         raise SpecError((Fault("U005", "--end", message),))
@@ -178,27 +180,30 @@ def simulate(
     tolerance: float = TOLERANCE,
     method: str | None = None,
     progress: Progress | None = None,
+    observe: Callable[[Stage, Piece], None] | None = None,
 ) -> Simulation:
     """Simulate a scenario of a spec, or without one the spec as it is for `end` seconds (default 1).
 
     `start`: "flat", "zero" or "equilibrium" (default: that of the scenario, or "flat"), or a state in the columns of
     `Course.parts`, in SI. `samples`: how many after the start, or the times in s themselves. `tolerance`: what each
     step may add to the error of a state, as a share of the largest size it has had. `method`: "exponential" or
-    "collocation"; by default the first for small networks.
+    "collocation"; by default the first for small networks. `observe` is shown each piece of motion, in order, and may
+    look at it as often as it likes: `Piece.states`.
     Raises: SpecError for bad input. A motion that leaves all bounds is no error: see `Simulation.diverged`.
     """
     course = Course(spec, scenario, end)
+    count = samples if isinstance(samples, int) else len(samples)
+    if count * course.size > MAX_NUMBERS:
+        message = f"{count} samples of {course.size} states are more than {MAX_NUMBERS} numbers; take fewer"
+        raise SpecError((Fault("U007", "--samples", message),))
     times = sample_times(course, samples) if isinstance(samples, int) else numpy.asarray(samples, dtype=float)
-    if len(times) * course.size > MAX_NUMBERS:
-        message = f"{len(times)} samples of {course.size} states are more than {MAX_NUMBERS} numbers; take fewer"
-        raise SpecError((Fault("U005", "--samples", message),))
     x = None
     if isinstance(start, str):
         course.start = start
     elif start is not None:
         if numpy.shape(start) != (course.size,):
             message = f"a state of {numpy.size(start)} numbers, where {course.size} are expected"
-            raise SpecError((Fault("U005", "--start", message),))
+            raise SpecError((Fault("U006", "--start", message),))
         x = course.gather(course.plant(course.phases[0]), numpy.asarray(start, dtype=float))
     states = numpy.full((len(times), course.size), numpy.nan)
     result = Simulation(course.start if x is None else "given", times, states, course.parts)
@@ -214,6 +219,8 @@ def simulate(
                 result.phases.append({})
             last = stage, piece
             result.phases[-1] = summary(stage)
+            if observe:
+                observe(stage, piece)
             if progress:
                 progress(piece.end, course.end)
     except Diverged as error:

@@ -61,7 +61,7 @@ def test_spec_example_is_certified() -> None:
 
 def test_commands_of_the_tour_parse(capsys: pytest.CaptureFixture[str]) -> None:
     tour = re.findall(r"^certify (\w+) ", TEXT, re.MULTILINE)
-    assert set(tour) == {"check", "explain", "gate", "tolerance", "synth", "diff"}
+    assert set(tour) == {"check", "explain", "gate", "tolerance", "synth", "diff", "simulate"}
     for command in ("prove", *tour):
         with pytest.raises(SystemExit) as stopped:
             main([command, "--help"])

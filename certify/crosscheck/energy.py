@@ -72,6 +72,11 @@ class Storage:
         held = ("proved", "conditional")
         self.load_proved = numpy.array([claimed.status.get(f"load/{name}") in held for name in names], dtype=bool)
         self.bands = numpy.array([self._band(name) for name in names]).reshape(-1, 4)
+        ports = numpy.stack([2 * self.load_part, 2 * self.load_part + 1], axis=1).reshape(-1)
+        self.to_inputs = _members(numpy.where(ports >= 0, ports, -1), 2 * m)
+        self.states_of_part = _members(self.part_of, m)
+        self.parts_of_island = _members(self.island_of, len(self.islands))
+        self.loads_of_island = _members(self.load_island, len(self.islands))
 
     def _node_of(self, part: Subsystem) -> str:
         kind, _, name = part.name.partition("/")
@@ -120,10 +125,7 @@ class Storage:
     def _inputs(self, off: Array, drawn: Array) -> Array:
         """What flows into each port beside the part's own, in deviations. (t, 2 parts)."""
         inputs = (self.d @ off.T).T
-        known = self.load_part >= 0
-        for axis in (0, 1):
-            _add_up(inputs, 2 * self.load_part[known] + axis, -(drawn - self.drawn)[:, axis::2][:, known])
-        return inputs
+        return inputs - (self.to_inputs @ (drawn - self.drawn).T).T
 
     def excess(self, x: Array) -> tuple[Array, Array]:
         """S' - <z, d> - eps |d|^2 of each part, and of each load -<V~, I~>, by the simulator's rates; and a scale.
@@ -152,28 +154,20 @@ class Storage:
         own = off * (self.M @ off.T).T / 2 + off * (self.gap @ self._inputs(off, drawn).T).T
         loads = ((self.plant.loaded_voltages(x) - self.volts) * (drawn - self.drawn)).reshape(len(x), -1, 2).sum(axis=2)
         total = self._by_island(self._by_part(own))
-        known = self.load_island >= 0
-        _add_up(total, self.load_island[known], loads[:, known])
-        return total
+        return total + (self.loads_of_island @ loads.T).T
 
     def _by_part(self, values: Array) -> Array:
         """Sums over the states of each part, (t, n) to (t, parts)."""
-        out = numpy.zeros((len(values), len(self.parts)))
-        known = self.part_of >= 0
-        _add_up(out, self.part_of[known], values[:, known])
-        return out
+        return (self.states_of_part @ values.T).T
 
     def _by_island(self, values: Array) -> Array:
-        out = numpy.zeros((len(values), len(self.islands)))
-        known = self.island_of >= 0
-        _add_up(out, self.island_of[known], values[:, known])
-        return out
+        return (self.parts_of_island @ values.T).T
 
 
-def _add_up(out: Array, columns: Any, values: Array) -> None:
-    """Add columns to others, some of them more than once."""
-    everywhere: Any = (slice(None), columns)
-    numpy.add.at(out, everywhere, values)
+def _members(groups: Any, count: int) -> csr_matrix:
+    """Which columns belong to which of `count` groups, as a matrix of ones; -1 is none."""
+    known = numpy.flatnonzero(groups >= 0)
+    return csr_matrix((numpy.ones(len(known)), (groups[known], known)), shape=(count, len(groups)))
 
 
 class _Blocks:
@@ -266,7 +260,7 @@ class Watch:
         self.lost += integrate(piece, storage, numpy.maximum(self.started, 1e-300))
         for k, first in enumerate(storage.first):
             residual = abs(H[-1, k] + self.lost[k] - self.started[k]) / max(self.started[k], 1e-300)
-            allowed = max(1e-10, 1e3 * self.tolerance)
+            allowed = max(1e-10, 1e2 * self.tolerance)
             slack = storage.uncertainty(x[:1], 1e-15 * numpy.abs(storage.rest))[0, k] / max(self.started[k], 1e-300)
             self._note("energy balance", first, residual, allowed + 1e3 * slack, "", piece.end, x[-1])
 

@@ -47,12 +47,17 @@ def save(figure: Figure, path: str | Path) -> None:
     kind = path.suffix.lower().lstrip(".")
     if kind not in ("svg", "png"):
         raise ValueError(f"cannot write a picture as {path.name}: its name must end in .svg or .png")
+    write_atomically(path, to_bytes(figure, kind))
+
+
+def to_bytes(figure: Figure, kind: str) -> bytes:
+    """A figure as "svg" or "png"; the same figure gives the same bytes."""
     nothing = {"svg": ("Date", "Creator"), "png": ("Software",)}[kind]  # else the file changes with time and version
     buffer = io.BytesIO()
     with style(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # a name may hold any character
         figure.savefig(buffer, format=kind, metadata=dict.fromkeys(nothing), facecolor="white")
-    write_atomically(path, buffer.getvalue())
+    return buffer.getvalue()
 
 
 @contextmanager

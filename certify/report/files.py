@@ -43,8 +43,8 @@ def write_results(options: argparse.Namespace, spec: bytes, certificate: bytes) 
                 raise SpecError((Fault("U001", option, f"cannot write {path}: {error.strerror}"),)) from None
 
 
-def check_folder(path: str, names: Iterable[str], spec: str) -> None:
-    """Faults of -o that can be told before any work is done: a folder that is there or can be made, for these files.
+def check_folder(path: str, names: Iterable[str], spec: str, option: str = "-o") -> None:
+    """Faults of an option that can be told before any work is done: a folder is there or can be made, for these files.
 
     Raises: SpecError.
     """
@@ -61,10 +61,10 @@ def check_folder(path: str, names: Iterable[str], spec: str) -> None:
             elif target.exists() and target.resolve() == Path(spec).resolve():
                 reason = f"{name} is the spec itself"
     if reason:
-        raise SpecError((Fault("U001", "-o", f"cannot write to the folder {path}: {reason}"),))
+        raise SpecError((Fault("U001", option, f"cannot write to the folder {path}: {reason}"),))
 
 
-def write_folder(path: str, files: Mapping[str, bytes]) -> None:
+def write_folder(path: str, files: Mapping[str, bytes], option: str = "-o") -> None:
     """Write files into a folder, which is made if it is not there: all of them, or none.
 
     They are written whole into a folder of their own, which is then renamed, or from which they are moved.
@@ -86,7 +86,7 @@ def write_folder(path: str, files: Mapping[str, bytes]) -> None:
             for name in files:
                 (staging / name).replace(folder / name)
     except OSError as error:
-        raise SpecError((Fault("U001", "-o", f"cannot write to the folder {path}: {error.strerror}"),)) from None
+        raise SpecError((Fault("U001", option, f"cannot write to the folder {path}: {error.strerror}"),)) from None
     finally:
         if staging is not None:
             shutil.rmtree(staging, ignore_errors=True)

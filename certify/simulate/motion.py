@@ -115,8 +115,8 @@ class Follower:
                 yield piece
                 x, now = piece.last, until
                 weights = numpy.maximum(weights, _moduli(x - rest))
-                if not (numpy.abs(x) <= BOUND * self.natural).all():
-                    raise self._diverged(now, x)
+                if not self._bounded(x):
+                    raise self._left(piece)
                 if crossed >= 0:
                     held = flow.held.copy()
                     held[crossed] = 0.0 if held[crossed] else numpy.sign((self.plant.asked(x))[crossed])
@@ -178,6 +178,18 @@ class Follower:
             return until, -1
         time, g = min(found)
         return time, int(self.guarded[g])
+
+    def _bounded(self, x: Array) -> bool:
+        return bool((numpy.abs(x) <= BOUND * self.natural).all())
+
+    def _left(self, piece: Piece) -> Diverged:
+        """When in a piece the motion has left all bounds."""
+        low, high = piece.start, piece.end
+        while high - low > 1e-9 * piece.end and high - low > 1e-6 * (piece.end - piece.start):
+            middle = (low + high) / 2
+            inside = self._bounded(piece.states(numpy.array([middle]))[0])
+            low, high = (middle, high) if inside else (low, middle)
+        return self._diverged(high, piece.states(numpy.array([high]))[0])
 
     def _diverged(self, time: float, x: Array) -> Diverged:
         """Why the motion ends: a load without a cut-off that draws its power at no voltage, or the largest state."""
