@@ -31,12 +31,16 @@ Progress = Callable[[float, float], None]  # s that are done, and all of them
 
 @dataclass(frozen=True)
 class Stage:
-    """One phase of a simulation: its network as equations, and the state right after the events at its start."""
+    """One phase of a simulation: its network as equations, and the state right after the events at its start.
+
+    `numbers`: those of the R-L loads that are on, by node.
+    """
 
     phase: Phase
     plant: Plant
     first: Array
     follower: Follower
+    numbers: Mapping[str, list[str]]
 
 
 @dataclass
@@ -104,14 +108,17 @@ class Course:
                 size += width
         self.size = size
 
-    def plant(self, phase: Phase) -> Plant:
-        """The equations of a phase. R-L loads are numbered as if all of them were on."""
+    def numbers(self, phase: Phase) -> dict[str, list[str]]:
+        """The R-L loads of each node that are on, numbered as if all of them were."""
         off = indices_of_loads(phase.gone)
-        names = {
+        return {
             name: [str(n) for n, k in enumerate(where) if k not in off.get(name, ())]
             for name, where in self._branches.items()
         }
-        return Plant(decode(phase.spec), names)
+
+    def plant(self, phase: Phase) -> Plant:
+        """The equations of a phase."""
+        return Plant(decode(phase.spec), self.numbers(phase))
 
     def motion(self, x: Array | None, tolerance: float, method: str | None = None) -> Iterator[tuple[Stage, Piece]]:
         """The motion from a state of the first phase, or from the start. Raises: Diverged, SpecError."""
@@ -123,7 +130,7 @@ class Course:
             elif stage is not None:
                 board = Switchboard(self.whole, self._branches, self._law, stage.phase.gone, stage.phase.settings)
                 x = after_events(board, stage.plant, plant, phase.events, x)
-            stage = Stage(phase, plant, x, Follower(plant, x, tolerance, method))
+            stage = Stage(phase, plant, x, Follower(plant, x, tolerance, method), self.numbers(phase))
             for piece in stage.follower.pieces(x, float(phase.start_second), float(phase.end_second)):
                 yield stage, piece
                 x = piece.last

@@ -219,6 +219,7 @@ class Watch:
         self.covered_seconds = numpy.zeros(islands)
         self.names = [part.name for part in self.storage.parts]
         self.names += [f"load/{name}" for name in self.storage.plant.loaded]
+        self.most = numpy.full(len(self.names), -numpy.inf)  # of each dissipation inequality so far
         self.seconds = 0.0
 
     def see(self, piece: Piece) -> None:
@@ -243,10 +244,10 @@ class Watch:
         self.seconds += piece.end - piece.start
         excess, scale = storage.excess(x)
         share = numpy.where(numpy.hstack(counted), excess / numpy.maximum(scale, 1e-300), -numpy.inf)
-        for j, name in enumerate(self.names):
+        for j in numpy.flatnonzero(~(share.max(axis=0) <= self.most)):  # no number is the worst of all
             t = int(numpy.argmax(share[:, j]))
-            if share[t, j] > -numpy.inf:
-                self._note("dissipation", name, share[t, j], INEQUALITY, "", times[t], x[t])
+            self.most[j] = share[t, j]
+            self._note("dissipation", self.names[j], share[t, j], INEQUALITY, "", times[t], x[t])
         if self.balance:
             self._balance(piece, H, x)
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy
 import scipy.linalg
+from scipy.sparse import csr_matrix, identity, vstack
 
 from certify.crosscheck.energy import Storage, Watch
 from certify.crosscheck.findings import Finding
@@ -80,7 +81,7 @@ class Falsifier:
         self.sizes = natural_sizes(self.plant, storage.rest)
         self.rng = numpy.random.default_rng(seed)
         self.end = self._horizon()
-        self.flow = Flow(self.plant, numpy.zeros(len(self.plant.limits)))
+        self._reaches: dict[str, tuple[csr_matrix, Array]] = {}
 
     def _horizon(self) -> float:
         """How long to follow a motion, in s."""
@@ -203,17 +204,27 @@ class Falsifier:
     def _edge(self, first: str, x: Array) -> float:
         """How near a voltage, a current or an inverter comes to what the region allows it, 1 being there."""
         storage, plant, region = self.storage, self.plant, self.claimed.regions[first]
-        off = x - storage.rest
-        shares = [0.0]
-        for name, reach in region.nodes.items():
-            at, reads, _ = plant.read_voltage(name)
-            shares.append(float(numpy.linalg.norm(off[:, at] @ reads.T, axis=1).max()) / reach)
-        for name, reach in region.lines.items():
-            shares.append(float(numpy.linalg.norm(off[:, plant.slices["line", name]], axis=1).max()) / reach)
+        if region.level is None:
+            return 0.0
+        rows, reach = self._reach(first)
+        off = (rows @ (x - storage.rest).T).T.reshape(len(x), -1, 2)
+        largest = float((numpy.hypot(off[..., 0], off[..., 1]) / reach).max(initial=0.0))
         limited = numpy.isfinite(plant.limits)
-        if limited.any() and region.level is not None:
-            u, at_rest = plant.asked(x)[:, limited], plant.asked(storage.rest)[limited]
-            room = plant.limits[limited] - numpy.abs(at_rest)
-            gone = numpy.abs(u) - numpy.abs(at_rest)
-            shares.append(float((gone / numpy.where(room > 0, room, 1.0))[:, room > 0].max(initial=0.0)))
-        return max(shares)
+        if not limited.any():
+            return largest
+        u, at_rest = plant.asked(x)[:, limited], plant.asked(storage.rest)[limited]
+        room = plant.limits[limited] - numpy.abs(at_rest)
+        gone = numpy.abs(u) - numpy.abs(at_rest)
+        return max(largest, float((gone / numpy.where(room > 0, room, 1.0))[:, room > 0].max(initial=0.0)))
+
+    def _reach(self, first: str) -> tuple[csr_matrix, Array]:
+        """What reads the voltages and currents that a region bounds, two rows each, and their bounds in V and A."""
+        if first not in self._reaches:
+            plant, region = self.plant, self.claimed.regions[first]
+            volts, _ = plant.voltages
+            order = list(plant.nodes)
+            rows = [volts[2 * order.index(name) : 2 * order.index(name) + 2] for name in region.nodes]
+            rows += [identity(plant.size, format="csr")[plant.slices["line", name]] for name in region.lines]
+            bounds = [*region.nodes.values(), *region.lines.values()]
+            self._reaches[first] = vstack(rows).tocsr(), numpy.array(bounds)
+        return self._reaches[first]

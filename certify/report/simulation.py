@@ -350,7 +350,7 @@ def _summary(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
         "start": simulation.start,
         "end": outcome.course.end,
         "tolerance": outcome.wish.tolerance,
-        "diverged": None if off is None else {"at": off.at_second, "part": off.part, "value": off.value},
+        "diverged": None if off is None else {"at": off.at_second, "reason": off.reason},
     }
 
 
