@@ -10,7 +10,6 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -82,7 +81,12 @@ def run_prove(options: argparse.Namespace) -> int:
         if options.reuse is not None:
             reason = "does not go with --scenario, whose phases are proved from nothing"
             return _bad_input(options, (Fault("U001", "--reuse", reason),))
-        return _designed(options, partial(run, worst=WORST_FIRST))
+        try:
+            return run(options, _progress, EXIT_CODES, WORST_FIRST)
+        except SpecError as error:
+            return _bad_input(options, error.faults)
+        except Rejected as rejection:
+            return _rejected(options, rejection)
     output = Path(options.output) if options.output is not None else None
     if output is not None:
         same = output.exists() and Path(options.spec).exists() and output.samefile(options.spec)
@@ -107,7 +111,27 @@ def run_prove(options: argparse.Namespace) -> int:
         remember(spec, certificate.data)
     if reproved is not None:
         more["reuse"] = {"older": options.reuse, **reproved.summary()}
-    return _report(options, certificate.verdict, certificate.notes, more)
+    if not options.simulate:
+        return _report(options, certificate.verdict, certificate.notes, more)
+    return _cross_checked(options, spec, certificate, more)
+
+
+def _cross_checked(options: argparse.Namespace, spec: bytes, certificate: Any, more: dict[str, Any]) -> int:
+    """Report a proof and, after it, what a simulation says of it: a contradiction is the worst of all outcomes."""
+    from certify.report.crosscheck import CONTRADICTED, after_proof, render, to_dict
+
+    try:
+        checked, kept = after_proof(options, spec, {1: certificate.data}, _progress)
+    except SpecError as error:
+        return _bad_input(options, error.faults)
+    found = to_dict(checked, kept)
+    if options.json:
+        more["cross_check"] = found
+    worst = CONTRADICTED if found["contradicted"] else None
+    code = _report(options, certificate.verdict, certificate.notes, more, worst)
+    if not options.json:
+        print("\n" + "\n".join(render(checked, kept, sys.stdout.isatty())))
+    return code
 
 
 def run_check(options: argparse.Namespace) -> int:
@@ -322,10 +346,11 @@ def run_simulate(options: argparse.Namespace) -> int:
     from certify.report.simulation import run
 
     try:
-        with _progress(f"simulating {options.spec}", "s") as progress:
-            return run(options, progress)
+        return run(options, _progress)
     except SpecError as error:
         return _bad_input(options, error.faults)
+    except Rejected as rejection:
+        return _rejected(options, rejection)
 
 
 def _designed(options: argparse.Namespace, run: Callable[[argparse.Namespace, Any, dict[str, int]], int]) -> int:
@@ -406,8 +431,10 @@ def _notes(certificate: bytes) -> dict[str, str]:
     )
 
 
-def _report(options: argparse.Namespace, verdict: Any, notes: dict[str, str], more: dict[str, Any]) -> int:
-    code = EXIT_CODES[verdict.outcome]
+def _report(
+    options: argparse.Namespace, verdict: Any, notes: dict[str, str], more: dict[str, Any], worse: int | None = None
+) -> int:
+    code = EXIT_CODES[verdict.outcome] if worse is None else worse
     if options.json:
         from certify.report.machine import verdict_to_dict
 

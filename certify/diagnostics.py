@@ -284,6 +284,14 @@ _ALL = (
         "fewer --samples, or a shorter --end",
     ),
     Diagnostic(
+        "U008",
+        "no certificate to cross-check",
+        "A simulation without a scenario is compared with the certificate of the spec; one of a scenario with those of "
+        "its phases, which are specs of their own.",
+        "`certify prove SPEC -o CERT` and --check CERT, or `certify prove SPEC --scenario NAME -o FOLDER` and --check "
+        "FOLDER; or `certify prove SPEC [--scenario NAME] --simulate`, which does both",
+    ),
+    Diagnostic(
         "K101",
         "not a certificate",
         "The file is not JSON of the certificate's shape.",

@@ -64,6 +64,12 @@ def build_parser() -> argparse.ArgumentParser:
         help="a certificate of an older state of the spec: its proofs are tried first. If this machine has checked it "
         "and only a few filters and controllers have changed, what they do not touch is taken over unchecked",
     )
+    prove.add_argument(
+        "--simulate",
+        action="store_true",
+        help="then simulate it, compare with the certificate, and try to break what that claims; 4 is the exit code of "
+        "a contradiction (`certify simulate --check` has more to choose)",
+    )
     add_method(prove)
 
     check = command(
@@ -174,7 +180,8 @@ def _add_simulate(command: Callable[[str, str, str], argparse.ArgumentParser]) -
         "simulate a microgrid in floats: what it does, without a proof",
         "certify simulate specs/cigre-mv.toml --scenario plug-in -o plug-in.npz --plot pictures\n"
         "  certify simulate specs/cigre-mv.toml --end 0.5s --start plug-in.npz\n\n"
-        "exit codes of this command: 0 simulated, 2 usage or bad input, 3 diverged: floats refute nothing",
+        "exit codes of this command: 0 simulated, 2 usage or bad input, 3 diverged: floats refute nothing, 4 the\n"
+        "certificate of --check is rejected, or contradicted by the simulation",
     )
     simulate.add_argument("spec", metavar="SPEC", help="the microgrid, TOML or JSON")
     simulate.add_argument(
@@ -206,6 +213,15 @@ def _add_simulate(command: Callable[[str, str, str], argparse.ArgumentParser]) -
         metavar="V",
         help='errors of both axes within it count as settled: "2 V", "0.0001 pu", or a share of the base voltage, else '
         'of each reference (default: "0.01 %%")',
+    )
+    simulate.add_argument(
+        "--check",
+        metavar="CERT",
+        help="compare with a certificate of the spec, or with --scenario with the folder of those of its phases: the "
+        "equations, the equilibrium, the storage along the motion; and try to break what it claims",
+    )
+    simulate.add_argument(
+        "--attempts", metavar="N", type=int, default=8, help="of --check to break a region, on each island (default: 8)"
     )
     simulate.add_argument("-o", "--output", metavar="FILE", help="where to write all samples, .npz or .csv")
     simulate.add_argument("--plot", metavar="FOLDER", help="draw voltages and errors there, as SVG and PNG")

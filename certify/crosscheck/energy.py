@@ -101,6 +101,10 @@ class Storage:
         """What errors of the states of these sizes, (n,), are worth of H at most, (t, islands)."""
         return self._by_island(self._by_part(numpy.abs((self.P @ (x - self.rest).T).T) * sizes))
 
+    def least(self, sizes: Array) -> Array:
+        """H of deviations that are a millionth of the sizes of the states, (n,) to (islands,)."""
+        return self._by_island(self._by_part(self.P.diagonal()[None, :] * (1e-6 * sizes) ** 2 / 2))[0]
+
     def claimed_of(self, x: Array) -> tuple[Any, Any]:
         """Whether the claims speak of these states: of each part, inverters inside limits; of each load, in its band.
 
@@ -214,7 +218,7 @@ class Watch:
         islands = len(self.storage.islands)
         self.before: tuple[Array, Array, Array] | None = None
         self.worst: dict[tuple[str, str], Finding] = {}
-        self.started = numpy.full(islands, numpy.nan)
+        self.first = self.started = numpy.full(islands, numpy.nan)
         self.lost = numpy.zeros(islands)
         self.covered_seconds = numpy.zeros(islands)
         self.names = [part.name for part in self.storage.parts]
@@ -253,16 +257,17 @@ class Watch:
 
     def _balance(self, piece: Piece, H: Array, x: Array) -> None:
         storage = self.storage
-        if numpy.isnan(self.started).all():
-            self.started = H[0].copy()
+        if numpy.isnan(self.started).all():  # below the least that can be told from nothing, a share says nothing
+            self.first = H[0].copy()
+            self.started = numpy.maximum(self.first, storage.least(self.sizes))
         if piece.flow.held.any():  # psi is that of free inverters
             self.started, self.balance = numpy.full(len(storage.islands), numpy.nan), False
             return
-        self.lost += integrate(piece, storage, numpy.maximum(self.started, 1e-300))
+        self.lost += integrate(piece, storage, self.started)
         for k, first in enumerate(storage.first):
-            residual = abs(H[-1, k] + self.lost[k] - self.started[k]) / max(self.started[k], 1e-300)
+            residual = abs(H[-1, k] + self.lost[k] - self.first[k]) / self.started[k]
             allowed = max(1e-10, 1e2 * self.tolerance)
-            slack = storage.uncertainty(x[:1], 1e-15 * numpy.abs(storage.rest))[0, k] / max(self.started[k], 1e-300)
+            slack = storage.uncertainty(x[:1], 1e-15 * numpy.abs(storage.rest))[0, k] / self.started[k]
             self._note("energy balance", first, residual, allowed + 1e3 * slack, "", piece.end, x[-1])
 
     def _note(self, kind: str, where: str, value: float, limit: float, unit: str, time: float, state: Array) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy
@@ -14,6 +14,7 @@ from certify.crosscheck.findings import Finding
 from certify.crosscheck.model import compare_model, compare_rest, find_reference
 from certify.kernel.check import check
 from certify.kernel.spec import decode
+from certify.phases import Phase
 from certify.simulate.motion import Piece, natural_sizes
 from certify.simulate.plant import Array, Plant
 from certify.simulation import Stage
@@ -49,12 +50,20 @@ class Checked:
 class CrossCheck:
     """Looks on while a simulation runs (`see`), and makes its attempts afterwards (`finish`).
 
-    `certificates`: by the number of the phase, each about the spec of the phase. What the kernel does not accept
-    raises Rejected when its phase begins.
+    `certificates`: by the number of the phase, each about the spec of the phase. Raises: Rejected if the kernel does
+    not accept one.
     """
 
-    def __init__(self, certificates: Mapping[int, bytes], tolerance: float, attempts: int = ATTEMPTS, seed: int = 1):
+    def __init__(
+        self,
+        phases: Iterable[Phase],
+        certificates: Mapping[int, bytes],
+        tolerance: float,
+        attempts: int = ATTEMPTS,
+        seed: int = 1,
+    ) -> None:
         self.certificates, self.tolerance, self.attempts, self.seed = certificates, tolerance, attempts, seed
+        self.verdicts = {phase.number: check(phase.spec, certificates[phase.number]) for phase in phases}
         self.checked: list[Checked] = []
         self._stage: Stage | None = None
         self._watch: Watch | None = None
@@ -71,8 +80,7 @@ class CrossCheck:
 
     def _begin(self, stage: Stage) -> None:
         phase = stage.phase
-        certificate = self.certificates[phase.number]
-        verdict = check(phase.spec, certificate)
+        certificate, verdict = self.certificates[phase.number], self.verdicts[phase.number]
         checked = Checked(phase.number, verdict.outcome)
         self.checked.append(checked)
         self._watch = None
@@ -109,7 +117,7 @@ class CrossCheck:
             if storage is None or not self.attempts:
                 continue
             if storage.plant.size > MAX_ATTEMPT_STATES:
-                checked.reason = checked.reason or f"more than {MAX_ATTEMPT_STATES} states: no attempts are made"
+                checked.reason = checked.reason or f"{storage.plant.size} states are too many for attempts to break it"
                 continue
 
             def step(done: float, of: float, k: int = k) -> None:

@@ -42,8 +42,10 @@ class ProvedPhase:
     jumps: tuple[Jump, ...]
 
 
-def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str, int], worst: tuple[int, ...]) -> int:
+def run(options: argparse.Namespace, bar: Any, codes: dict[str, int], worst: tuple[int, ...]) -> int:
     """The command `certify prove --scenario`. Returns the exit code: the worst of all phases in the order of `worst`.
+
+    With `--simulate` the scenario is then simulated and compared. `bar` opens a progress bar.
 
     Raises: SpecError for bad input, in the spec or in a phase, or for files that cannot be written; Rejected.
     """
@@ -52,7 +54,8 @@ def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str,
     names = [(f"{name}-{phase.number}.json", f"{name}-{phase.number}.cert.json") for phase in phases]
     if options.output is not None:
         check_folder(options.output, [file for pair in names for file in pair], options.spec)
-    proved = prove_phases(spec, phases, progress, options.method)
+    with bar(f"proving {options.spec}") as progress:
+        proved = prove_phases(spec, phases, progress, options.method)
     if options.output is not None:
         files: dict[str, bytes] = {}
         for pair, entry in zip(names, proved, strict=True):
@@ -60,10 +63,19 @@ def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str,
         write_folder(options.output, files)
     outcomes = {codes[entry.certificate.verdict.outcome]: entry.certificate.verdict.outcome for entry in proved}
     code = next(code for code in worst if code in outcomes)
+    found, told = None, list[str]()
+    if options.simulate:
+        from certify.report.crosscheck import CONTRADICTED, after_proof, render, to_dict  # numpy, only for this
+
+        certificates = {entry.phase.number: entry.certificate.data for entry in proved}
+        checked, kept = after_proof(options, spec, certificates, bar)
+        found, told = to_dict(checked, kept), ["", *render(checked, kept, sys.stdout.isatty())]
+        code = CONTRADICTED if found["contradicted"] else code
     if options.json:
-        print(json.dumps(scenario_to_dict(proved, names, options, code), indent=1, ensure_ascii=False))
+        result = scenario_to_dict(proved, names, options, code) | ({"cross_check": found} if found else {})
+        print(json.dumps(result, indent=1, ensure_ascii=False))
     else:
-        print(render_scenario(proved, names, options, sys.stdout.isatty()))
+        print("\n".join([render_scenario(proved, names, options, sys.stdout.isatty()), *told]))
     return code
 
 

@@ -9,24 +9,35 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from certify import __version__
+from certify.crosscheck.run import Checked, CrossCheck
 from certify.inputs import read
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import QuantityError, parse_decimal, parse_quantity, shorten
 from certify.kernel.reader import read_document
+from certify.report.crosscheck import (
+    CONTRADICTED,
+    Bar,
+    keep,
+    read_certificates,
+    render,
+    storage_curve,
+    to_dict,
+)
 from certify.report.files import check_folder, write_folder
 from certify.report.layout import table
 from certify.report.text import paint
 from certify.samples import SUFFIXES, read_state, write_samples
 from certify.settling import DguCourse, PhaseCourse, Watch
+from certify.simulate.motion import Piece
 from certify.simulate.plant import Array
 from certify.simulate.scenario import STARTS, Event
-from certify.simulation import Course, Progress, Simulation, simulate
+from certify.simulation import Course, Simulation, Stage, simulate
 
 SIMULATED, DIVERGED = 0, 3  # exit codes: no float refutes anything
 BAND = "0.01 %"
@@ -55,16 +66,20 @@ class Wish:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a simulation. `files` are those that were written."""
+    """What came of a simulation and of its cross-check. `files`: those that were written; `kept`: a contradiction."""
 
     course: Course
     wish: Wish
     simulation: Simulation
     phases: tuple[PhaseCourse, ...]
+    checked: tuple[Checked, ...] = ()
+    kept: str | None = None
     files: tuple[str, ...] = ()
 
     @property
     def code(self) -> int:
+        if any(entry.contradictions for entry in self.checked):
+            return CONTRADICTED
         return SIMULATED if self.simulation.diverged is None else DIVERGED
 
     @property
@@ -72,10 +87,11 @@ class Outcome:
         return "simulated" if self.simulation.diverged is None else "diverged"
 
 
-def run(options: argparse.Namespace, progress: Progress | None) -> int:
-    """The command `certify simulate`. Returns the exit code: 0, or 3 if the motion left all bounds.
+def run(options: argparse.Namespace, bar: Bar) -> int:
+    """The command `certify simulate`. Returns the exit code: 0, 3 if the motion left all bounds, 4 for a contradiction.
 
-    Raises: SpecError for bad input, all that can be told before the work, or for files that cannot be written.
+    `bar` opens a progress bar. Raises: SpecError for bad input, all that can be told before the work, or for files that
+    cannot be written; Rejected for a certificate that the kernel does not accept.
     """
     faults: list[Fault] = []
 
@@ -93,26 +109,41 @@ def run(options: argparse.Namespace, progress: Progress | None) -> int:
         end = wish.end_second if wish else None
         course = attempt(lambda: Course(spec, options.scenario, end))
     start: str | Array | None = None
+    certificates: dict[int, bytes] | None = None
     if course is not None:
         start = attempt(lambda: _read_start(options.start, course))
+        if options.check is not None:
+            certificates = attempt(lambda: read_certificates(options.check, course, options.scenario))
     if faults or spec is None or wish is None or course is None:
         raise SpecError(tuple(dict.fromkeys(faults)))
     watch = Watch(wish.bands)
-    simulation = simulate(
-        spec,
-        options.scenario,
-        end=wish.end_second,
-        start=start,
-        samples=wish.samples,
-        tolerance=wish.tolerance,
-        method=options.method,
-        progress=progress,
-        observe=watch,
-    )
+    check = CrossCheck(course.phases, certificates, wish.tolerance, options.attempts) if certificates else None
+
+    def observe(stage: Stage, piece: Piece) -> None:
+        watch(stage, piece)
+        if check:
+            check.see(stage, piece)
+
+    with bar(f"simulating {options.spec}", "s") as progress:
+        simulation = simulate(
+            spec,
+            options.scenario,
+            end=wish.end_second,
+            start=start,
+            samples=wish.samples,
+            tolerance=wish.tolerance,
+            method=options.method,
+            progress=progress,
+            observe=observe,
+        )
     if options.start is not None and start is not options.start:
         simulation.start = options.start
     outcome = Outcome(course, wish, simulation, watch.result(simulation))
-    outcome = Outcome(course, wish, simulation, outcome.phases, _write(options, spec, outcome))
+    if check:
+        with bar("trying to break the certificate") as progress:
+            outcome = replace(outcome, checked=tuple(check.finish(progress)))
+        outcome = replace(outcome, kept=keep(options.spec, course, simulation, outcome.checked, {"spec": options.spec}))
+    outcome = replace(outcome, files=_write(options, spec, outcome))
     if options.json:
         print(json.dumps(_finite(outcome_to_dict(outcome, options)), indent=1, ensure_ascii=False))
     else:
@@ -223,7 +254,8 @@ def _write(options: argparse.Namespace, spec: bytes, outcome: Outcome) -> tuple[
         from certify.report.simulation_plots import draw_figures
 
         title = f"{Path(options.spec).name}{f', scenario {options.scenario}' if options.scenario else ''}"
-        figures = draw_figures(outcome.course, outcome.simulation, outcome.phases, title)
+        storage = storage_curve(outcome.checked)
+        figures = draw_figures(outcome.course, outcome.simulation, outcome.phases, title, storage)
         pictures = {f"{name}.{kind}": to_bytes(x, kind) for name, x in figures.items() for kind in KINDS}
         write_folder(options.plot, pictures, "--plot")
         files += [str(Path(options.plot) / name) for name in pictures]
@@ -246,6 +278,8 @@ def render_outcome(outcome: Outcome, options: argparse.Namespace, colour: bool =
     elif outcome.phases:
         lines += _render_band(outcome)
     lines.append(EVIDENCE)
+    if outcome.checked:
+        lines += ["", *render(outcome.checked, outcome.kept, colour)]
     if options.output is not None:
         until = f", up to {simulation.times[-1]:.9g} s" if simulation.diverged and len(simulation.times) else ""
         count = f"{len(simulation.times)} of {len(simulation.columns)} columns"
@@ -362,6 +396,7 @@ def outcome_to_dict(outcome: Outcome, options: argparse.Namespace) -> dict[str, 
         "samples": len(outcome.simulation.times),
         "states": outcome.course.size,
         "phases": [{**_followed(outcome.simulation, entry), **_phase_to_dict(entry)} for entry in outcome.phases],
+        "cross_check": to_dict(outcome.checked, outcome.kept) if outcome.checked else None,
         "files": list(outcome.files),
         "about": EVIDENCE,
         "exit_code": outcome.code,
