@@ -25,7 +25,8 @@ ITERATIONS = 10
 SETTLED = 0.02  # of the tolerance: a change of the states with which iterations end
 AIM = 0.4  # of the tolerance: the error for which the next window is made
 KEPT_LEVELS = 3  # lengths of windows of which the factors are kept
-PATIENCE = 8  # windows before a length grows by less than two
+EXACT = 0.01  # of that change: what is left of it in some windows, for the error not to be that of the iteration
+EVERY = 4  # windows of one length: one of so many is exact
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class Window:
         """Shape (t,) of times in s to (t, n): the polynomial through the stages, and the defect that it has left."""
         places = 2 * (times - self.start) / self.length - 1
         share = legendre.legvander(places, len(self.rule.points)) @ self.rule.legendre
-        off = share.real @ self.waves.real - share.imag @ self.waves.imag
+        off = _combined(share, self.waves)
         off += legendre.legval(places, self.rule.defect)[:, None] * self.correction
         result = numpy.repeat(self.first[None, :], len(times), axis=0)
         result[:, self.nodal.kept] += off[:, : len(self.nodal.kept)]
@@ -112,6 +113,7 @@ class _Level:
     systems: list[Shifted]
     gain: float = numpy.inf  # of the iteration: a change of states to its estimate from the loads' change
     used: int = 0
+    error: float = 1.0  # of the last window, as a share of the tolerance
 
 
 class Collocation:
@@ -169,7 +171,7 @@ class Collocation:
     def _lengthen(self, units: int, ratio: float) -> None:
         """Longer windows cost new factors: by less than two only after some windows of a length."""
         level = self._levels.get(units)
-        if ratio >= 2 or (ratio >= 1.5 and level is not None and level.used >= PATIENCE):
+        if ratio >= 2 or (ratio >= 1.45 and level is not None and level.used >= EVERY):
             self.units = min(UNITS, max(self.units, _rounded(units * min(ratio, 8.0))))
 
     def _level(self, units: int) -> _Level:
@@ -201,6 +203,8 @@ class Collocation:
         x, f, w = self.x[kept], self._rates, weights[kept] * self.tolerance
         f_kept, f_local = f[kept], f[local]
         V = nodal.voltages(x[None, :])
+        exact = level.used % EVERY == EVERY - 1 and level.error < 2 * SETTLED
+        settled = SETTLED * (EXACT if exact else 1.0)
         level.used += 1
         start = level.loads.remainder(V)
         forces = numpy.zeros((len(rule.points), V.shape[1]), dtype=complex)
@@ -209,20 +213,21 @@ class Collocation:
         W = numpy.array([s.nodes(_real(r, s)) for r, s in zip(constants, level.systems, strict=True)])
         before = numpy.inf
         for count in range(ITERATIONS):
-            stages = x + (rule.forward.real @ W.real - rule.forward.imag @ W.imag)
+            stages = x + _combined(rule.forward, W)
             new = level.loads.remainder(nodal.voltages(stages)) - start
             drawn = nodal.D @ (new - forces).view(float).T  # (p, s)
             forces = new
             expected = float((numpy.abs(drawn).max(axis=1, initial=0.0) / reach).max(initial=0.0))
             if not numpy.isfinite(expected):
                 break
-            if expected == 0 or expected * level.gain <= SETTLED:
+            if expected == 0 or expected * level.gain <= settled:
                 return self._finish(level, h, W, weights)
             self.iterations += 1
-            steps = [s.nodes(_real(-(drawn @ b), s)) for b, s in zip(rule.back, level.systems, strict=True)]
+            pushed = _mixed(-rule.back, drawn.T)
+            steps = [s.nodes(_real(r, s)) for r, s in zip(pushed, level.systems, strict=True)]
             added = numpy.array(steps)
             W = W + added
-            moved = rule.forward.real @ added.real - rule.forward.imag @ added.imag
+            moved = _combined(rule.forward, added)
             change = float((numpy.abs(moved).max(axis=0) / w).max())
             level.gain = max(change / expected, 0.5 * level.gain if level.gain < numpy.inf else 0.0)
             if not change < 0.5 * before:
@@ -245,15 +250,16 @@ class Collocation:
         ]
         waves = numpy.concatenate([W, numpy.array(rest)], axis=1)
         order = numpy.concatenate([nodal.kept, nodal.local])
-        ends = rule.forward[-1]
+        ends, slopes = _combined(numpy.stack([rule.forward[-1], rule.slope]), waves)
         last = self.x.copy()
-        last[order] += ends.real @ waves.real - ends.imag @ waves.imag
+        last[order] += ends
         # the slope at the start is off by the defect; damped as the motion itself damps what is stiff
-        off = (rule.slope.real @ waves.real - rule.slope.imag @ waves.imag) / h - self._rates[order]
+        off = slopes / h - self._rates[order]
         shift = float(rule.shifts[0].real)
         p = len(nodal.kept)
         damped = -shift * numpy.concatenate(level.systems[0].solve(off[:p], off[p:]))
         error = rule.height * float((numpy.abs(damped) / weights[order]).max()) / self.tolerance
+        level.error = error
         if not (numpy.isfinite(error) and numpy.isfinite(last).all()):
             return None, numpy.inf, 0.5
         start = self.span * (self.position / UNITS)
@@ -266,6 +272,19 @@ class Collocation:
 def _rounded(units: float) -> int:
     """The nearest length below that recurs: a power of the root of two. 0 if there is none."""
     return int(2 ** (numpy.floor(2 * numpy.log2(units) + 1e-9) / 2)) if units >= 1 else 0
+
+
+def _combined(factors: Phasors, waves: Phasors) -> Array:
+    """Re(factors waves). Shapes (m, k) and (k, n) to (m, n)."""
+    planes = numpy.concatenate([waves.real, waves.imag])
+    return numpy.concatenate([factors.real, -factors.imag], axis=1) @ planes
+
+
+def _mixed(factors: Phasors, values: Array) -> Phasors:
+    """factors values. Shapes (k, m) and (m, n) to (k, n)."""
+    result = numpy.empty((len(factors), values.shape[1]), dtype=complex)
+    result.real, result.imag = factors.real @ values, factors.imag @ values
+    return result
 
 
 def _real(r: Phasors, system: Shifted) -> Phasors | Array:

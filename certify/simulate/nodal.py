@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
+from certify.simulate.compiled import COMPILED, compiled
 from certify.simulate.flow import Flow
 from certify.simulate.plant import Array, Part, Phasors, to_phasors
 
@@ -102,15 +103,45 @@ class Shifted:
         # the pattern is symmetric, and minimum degree on it fills in less than column orderings do
         options = {"SymmetricMode": True}
         self.factors = splu(left, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=PIVOT, options=options)
+        if COMPILED:
+            lower, upper = self.factors.L, self.factors.U
+            lower.sort_indices()
+            upper.sort_indices()
+            self._lower = lower.indptr, lower.indices, lower.data
+            self._upper = upper.indptr, upper.indices, upper.data
+            self._rows = numpy.argsort(self.factors.perm_r)
+            self._columns = self.factors.perm_c
 
     def nodes(self, r: Numbers) -> Numbers:
         """The kept part of z when nothing is on the right of the local equations. Shape (p,) to (p,)."""
-        return self.factors.solve(r)
+        if not COMPILED:
+            return self.factors.solve(r)
+        z = r[self._rows]
+        _substitute(*self._lower, *self._upper, z)
+        return z[self._columns]
 
     def solve(self, kept: Numbers, local: Numbers) -> tuple[Numbers, Numbers]:
         """Both parts of z, of both parts of r."""
         z = self.nodes(kept + self.gathering @ local)
         return z, self.inverse @ local + self.following @ z
+
+
+@compiled
+def _substitute(
+    starts: Places, rows: Places, lower: Numbers, ends: Places, above: Places, upper: Numbers, z: Numbers
+) -> None:
+    """Solve L U z = z in place, columns sorted; several times as fast as SuperLU, which goes by supernodes."""
+    n = len(z)
+    for j in range(n):
+        value = z[j]
+        for k in range(starts[j] + 1, starts[j + 1]):
+            z[rows[k]] -= lower[k] * value
+    for j in range(n - 1, -1, -1):
+        last = ends[j + 1] - 1
+        value = z[j] / upper[last]
+        z[j] = value
+        for k in range(ends[j], last):
+            z[above[k]] -= upper[k] * value
 
 
 def _elements(slices: dict[Part, slice]) -> list[Places]:
