@@ -13,17 +13,17 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy
-from numpy.polynomial import legendre, polynomial
+from numpy.polynomial import legendre
 
 from certify.simulate.flow import Flow
 from certify.simulate.nodal import Loads, Nodal, Shifted
 from certify.simulate.plant import Array, Phasors
 
-STAGES = 9
+STAGES = 11
 UNITS = 1 << 53  # windows are whole multiples of the span by this
 ITERATIONS = 10
-SETTLED = 0.02  # of the tolerance: a change of the states with which iterations end
-AIM = 0.4  # of the tolerance: the error for which the next window is made
+SETTLED = 0.03  # of the tolerance: a change of the states with which iterations end
+AIM = 0.6  # of the tolerance: the error for which the next window is made
 KEPT_LEVELS = 3  # lengths of windows of which the factors are kept
 EXACT = 0.01  # of that change: what is left of it in some windows, for the error not to be that of the iteration
 EVERY = 4  # windows of one length: one of so many is exact
@@ -40,6 +40,7 @@ class _Rule:
     entry: Phasors  # (k,): back times ones
     slope: Phasors  # (k,): the polynomial's slope at the start is Re(slope W) / h
     legendre: Phasors  # (s + 1, k): to the polynomial's coefficients
+    high: Array  # (2, s): from values at the points to the part of the two highest degrees, on its own scale
     defect: Array  # (s + 2,): those of the integral of the defect that is 1 at the start and 0 at the points
     height: float  # the largest value of that integral
 
@@ -59,7 +60,7 @@ def _rule(s: int) -> _Rule:
     back = numpy.linalg.inv(T)
     forward = numpy.where(shifts.imag[keep] > 0, 2.0, 1.0) * T[:, keep]
     through = numpy.linalg.inv(legendre.legvander(numpy.concatenate([[-1.0], x]), s))  # values to coefficients
-    slopes = 2 * legendre.legval(-1.0, legendre.legder(through, axis=0))
+    slopes = 2 * (legendre.legvander(numpy.array([-1.0]), s - 1) @ legendre.legder(through, axis=0))[0]
     # (P_s - P_(s-1)) is zero at the points, and 2 (-1)^s at the start
     defect = legendre.legint(top / (2 * (-1) ** s), lbnd=-1) / 2
     height = float(numpy.abs(legendre.legval(numpy.linspace(-1, 1, 1001), defect)).max())
@@ -71,6 +72,7 @@ def _rule(s: int) -> _Rule:
         back[keep].sum(axis=1),
         slopes[1:] @ forward,
         through[:, 1:] @ forward,
+        numpy.linalg.inv(values)[-2:],
         defect,
         height,
     )
@@ -221,7 +223,10 @@ class Collocation:
             if not numpy.isfinite(expected):
                 break
             if expected == 0 or expected * level.gain <= settled:
-                return self._finish(level, h, W, weights)
+                # a load that meets its cut-off bends within a window, and its slope at the start knows nothing of that
+                bent = numpy.abs(nodal.D @ (rule.high @ forces.view(float)).T).sum(axis=1) / reach
+                bend = float(bent.max(initial=0.0)) * (level.gain if level.gain < numpy.inf else 1.0)
+                return self._finish(level, h, W, weights, bend)
             self.iterations += 1
             pushed = _mixed(-rule.back, drawn.T)
             steps = [s.nodes(_real(r, s)) for r, s in zip(pushed, level.systems, strict=True)]
@@ -240,13 +245,14 @@ class Collocation:
             return self._attempt(units, weights)
         return None, numpy.inf, 0.5
 
-    def _finish(self, level: _Level, h: float, W: Phasors, weights: Array) -> tuple[Window, float, float]:
-        """The window of a settled iteration, and its error."""
+    def _finish(
+        self, level: _Level, h: float, W: Phasors, weights: Array, bend: float
+    ) -> tuple[Window | None, float, float]:
+        """The window of a settled iteration, its error and what the next length may be; `bend` is one of its errors."""
         rule, nodal = self.rule, self.nodal
         f_local = self._rates[nodal.local]
         rest = [
-            s.inverse @ (a * f_local) + s.following @ z
-            for a, s, z in zip(rule.entry, level.systems, W, strict=True)
+            s.inverse @ (a * f_local) + s.following @ z for a, s, z in zip(rule.entry, level.systems, W, strict=True)
         ]
         waves = numpy.concatenate([W, numpy.array(rest)], axis=1)
         order = numpy.concatenate([nodal.kept, nodal.local])
@@ -258,7 +264,7 @@ class Collocation:
         shift = float(rule.shifts[0].real)
         p = len(nodal.kept)
         damped = -shift * numpy.concatenate(level.systems[0].solve(off[:p], off[p:]))
-        error = rule.height * float((numpy.abs(damped) / weights[order]).max()) / self.tolerance
+        error = max(bend, rule.height * float((numpy.abs(damped) / weights[order]).max()) / self.tolerance)
         level.error = error
         if not (numpy.isfinite(error) and numpy.isfinite(last).all()):
             return None, numpy.inf, 0.5

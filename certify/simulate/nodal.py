@@ -1,8 +1,8 @@
 """Shifted systems (shift - J) z = r of a network, reduced to its nodes: what is local is eliminated in small blocks.
 
-J is the Jacobian of a flow, A with the slopes of the loads. Currents of lines and branches (2 states each), and those of
-inverters with their integrators (2 or 4), touch each other only within their element; what is left has two unknowns a
-node (all states of a linear loop), and the pattern of the network's graph.
+J is the Jacobian of a flow, A with the slopes of the loads. Currents of lines and branches (2 states each), and those
+of inverters with their integrators (2 or 4), touch each other only within their element; what is left has two unknowns
+a node (all states of a linear loop), and the pattern of the network's graph.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Nodal:
         """The static loads with their slopes at a state, of which (p,) is kept."""
         loads = self.flow.plant.loads
         J = loads.slopes(self.voltages(kept[None, :])[0]) if self.S.shape[0] else numpy.empty((0, 2, 2))
-        dd, dq, qd, qq = J.reshape(-1, 4).T
+        dd, dq, qd, qq = J.reshape(-1, 4).T.astype(complex)
         k = len(J)
         blocks = csr_matrix((J.reshape(-1), _pairs(k), 2 * numpy.arange(2 * k + 1)), shape=(2 * k, 2 * k))
         straight, turned = (dd + qq + 1j * (qd - dq)) / 2, (dd - qq + 1j * (qd + dq)) / 2
@@ -157,7 +157,8 @@ def _elements(slices: dict[Part, slice]) -> list[Places]:
 
 def _blocks(A: csr_matrix, groups: list[Places]) -> list[Array]:
     """The dense diagonal blocks of the local equations. Raises: ValueError if anything is outside of them."""
-    entries, result, first = coo_matrix(A), [], 0
+    entries, first = coo_matrix(A), 0
+    result: list[Array] = []
     inside = numpy.zeros(entries.nnz, dtype=bool)
     for group in groups:
         count, size = group.shape
