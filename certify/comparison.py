@@ -13,7 +13,7 @@ from certify.kernel.claims import Claim, Context, Verdict, statements
 from certify.kernel.equilibrium import regulates
 from certify.kernel.model import incidence
 from certify.kernel.proofs import HOLDS
-from certify.kernel.spec import Microgrid
+from certify.kernel.spec import Microgrid, Node
 
 # What may become of a claim; "holds" is proved, or proved under an assumption of the ledger.
 CHANGES = {
@@ -123,9 +123,14 @@ def _content(context: Context, kind: str, what: Any) -> Hashable:
         parts = [(name, context.key(name), replace(context.nodes[name], dgu=None)) for name in what]
         return (grid.w0, tuple(parts), _lines(context, what))
     if isinstance(what, tuple) and set(what) <= context.nodes.keys():  # of an island, and maybe of its references too
-        nodes = tuple(context.nodes[name] for name in what)
+        nodes = tuple(_without_anti_windup(context.nodes[name]) for name in what)
         return (grid.w0, grid.line_legs_at_dgus, nodes, _lines(context, what))
     return replace(grid, name="")
+
+
+def _without_anti_windup(node: Node) -> Node:
+    """It acts in the modes of a DGU only: inside its limits, and at rest on all of them, it changes nothing."""
+    return replace(node, dgu=node.dgu and replace(node.dgu, anti_windup_second=None))
 
 
 def _at_rest(context: Context, name: str) -> Hashable:

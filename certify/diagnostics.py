@@ -159,6 +159,15 @@ _ALL = (
         "check the signs in F; leave out states that have no effect",
     ),
     Diagnostic(
+        "S212",
+        "anti-windup that cannot act",
+        "Back-calculation moves the integrators by K13^-1 (sat(u) - u)/T while an axis is at its limit: it needs "
+        "limits, and an integral gain K13 that can be inverted (for ida-pbc alpha and ki not zero on both axes).",
+        "give limits and a controller with integral action on both axes, or leave anti_windup out",
+        'dgu = { filter = "lc", controller = "pi", reference = ["20 kV", 0], limits = ["25 kV", "25 kV"], '
+        'anti_windup = "20 ms" }',
+    ),
+    Diagnostic(
         "S301", "line to nowhere", "Both ends of a line are names of nodes.", "define the node, or mend the name"
     ),
     Diagnostic("S302", "self-loop", "A line joins two different nodes.", "mend `from` or `to`"),
@@ -202,6 +211,22 @@ _ALL = (
         'disconnected = ["5"]\nevent = [{ at = "4 s", connect = "5" }, { at = "6 s", disconnect = "5" }]',
     ),
     Diagnostic(
+        "S314",
+        "not the index of a load",
+        "A load is named by its node and its place in the node's list of loads as it stands in the spec, counted from "
+        "0, whatever is off.",
+        "mend `index`, or leave it out for the first load",
+        'disconnected = [{ load = "8", index = 1 }]\nevent = [{ at = "4 s", connect = { load = "8", index = 1 } }]',
+    ),
+    Diagnostic(
+        "S315",
+        "a controller with other states",
+        "An event may give a DGU another controller whose integrator can take over. A linear loop has states of its "
+        "own, of which nothing is known but their number: it can only be changed for one with as many.",
+        "take a controller of such a kind, or disconnect this DGU and connect another",
+        'event = [{ at = "4 s", controller = "5", set = "pi" }]',
+    ),
+    Diagnostic(
         "S312",
         "a name of two things",
         "Events name a DGU by its node, so they cannot tell it from a line of the same name.",
@@ -210,9 +235,9 @@ _ALL = (
     Diagnostic(
         "S313",
         "a load that events cannot change",
-        "An event sets coefficients of the first load of a node: of a ZIP load Y, I, P, of an exponential one P0, np, "
-        "Q0, nq.",
-        "put a zip or exp load first in the list of the node's loads",
+        "An event sets coefficients of a load: of a ZIP load Y, I, P, of an exponential one P0, np, Q0, nq, of a "
+        "series R-L load R, L.",
+        "name a zip, exp or rl load by its `index`, counted from 0 in the list of the node's loads",
         'event = [{ at = "5 s", load = "5", set = { Y = ["120 uS", "120 uS"] } }]',
     ),
     Diagnostic(

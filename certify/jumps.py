@@ -4,18 +4,21 @@ H is the sum of the storage functions of the new phase's certificate, at the sta
 which the events have changed. If H is below the level c of the storage that the new phase's certificate proves to be
 attracted, the microgrid settles again. That is a computed figure, no proof: the rest states are those of the two
 certificates (proved to a radius that is left out here), the old phase is taken to have come to rest, and switching
-is ideal:
+is ideal, as FORMAT.md has it:
 
 - a line connects without current, its legs discharged: the charge of each end is conserved, and its voltage drops;
 - a DGU connects synchronised: its filter has the voltage of the node, carries no load, and its integrator is such that
-  its control law asks for just the voltage that this takes;
-- what disconnects takes its states along.
+  its control law asks for just the voltage that this takes; or discharged: without current, its integrator at zero,
+  and the charge of the node is shared;
+- a series R-L load connects without current;
+- what disconnects takes its states along;
+- with a new reference no state jumps, and with a new controller its integrator takes over the voltage that is applied.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -23,18 +26,33 @@ from typing import Any
 from certify.certificate import Certificate
 from certify.kernel.claims import Context, Verdict
 from certify.kernel.data import Data
-from certify.kernel.linalg import Matrix, Vector, add, apply, identity, scale, solve
+from certify.kernel.linalg import ZERO, Matrix, Vector, add, apply, identity, scale, solve
 from certify.kernel.model import J, node_capacitances, to_state_feedback
 from certify.kernel.proofs import full_storage
+from certify.kernel.reader import read_document
 from certify.kernel.rules import storage_at
-from certify.kernel.spec import IdaPbc, Microgrid, Node, SeriesBranch, StateFeedback, decode
-from certify.phases import Phase
-from certify.simulate.scenario import Event
+from certify.kernel.spec import (
+    ConstantVoltage,
+    Dgu,
+    Filter,
+    IdaPbc,
+    Line,
+    LinearLoop,
+    Microgrid,
+    Node,
+    SeriesBranch,
+    StateFeedback,
+    decode_document,
+    integrates,
+)
+from certify.phases import Phase, series_loads
+from certify.simulate.scenario import Event, Target, law_reader
 
-# What a state is of: ("voltage", node), ("line", name), ("branch", node, k), ("current", node of a DGU), and
-# ("integrator", node of a DGU), which is K13 v + const = u - K11 V - K12 I. Values are (d, q) in V and A.
+# What a state is of: ("voltage", node), ("line", name), ("branch", node, index in the spec's list of loads),
+# ("current", node of a DGU), and ("integrator", node of a DGU), which is K13 v. Values are (d, q) in V and A.
 Part = tuple[str | int, ...]
 State = dict[Part, Vector]
+Places = dict[str, list[int]]  # for each node the indices of its series R-L loads in the spec's list of loads
 Proved = tuple[Phase, Certificate]
 ROUNDING = Fraction(1, 1 << 200)  # joule
 
@@ -73,16 +91,21 @@ def find_jumps(whole: Microgrid, before: Proved, after: Proved) -> tuple[Jump, .
     `whole` is the microgrid with everything on; `before` and `after` are consecutive phases with their certificates.
     """
     (old, old_certificate), (new, new_certificate) = before, after
-    context = Context(decode(new.spec))
-    start = _rest(decode(old.spec), _facts(old_certificate.verdict))
-    state = _after(whole, old.off, new.events, start)
-    goal = _rest(context.grid, _facts(new_certificate.verdict))
+    documents = [read_document(phase.spec) for phase in (old, new)]
+    grids = [decode_document(document) for document in documents]
+    context = Context(grids[1])
+    was, places = (series_loads(document, phase.gone) for document, phase in zip(documents, (old, new), strict=True))
+    start = _rest(grids[0], was, _facts(old_certificate.verdict))
+    course = _Course(whole, old, law_reader(documents[1]), start)
+    for event in new.events:
+        course.follow(event)
+    goal = _rest(context.grid, places, _facts(new_certificate.verdict))
     storages = _storages(context, new_certificate)
     jumps = []
     for island in context.islands:
         level, everything = _level(new_certificate.verdict, island[0])
         reason = "" if level is not None or everything else f"phase {new.number} has no proved region there"
-        found = dict(_contributions(context, island, storages, state, goal))
+        found = dict(_contributions(context, places, island, storages, course.state, goal))
         known = [(name, value) for name, value in found.items() if value is not None]
         storage = None
         if len(known) == len(found):  # rounded, because thousands of denominators of their own explode in a sum
@@ -113,7 +136,7 @@ def _level(verdict: Verdict, island: str) -> tuple[Fraction | None, bool]:
     return facts.get("level c of the storage"), facts.get("global") == 1
 
 
-def _rest(grid: Microgrid, facts: Mapping[str, Fraction]) -> State:
+def _rest(grid: Microgrid, places: Places, facts: Mapping[str, Fraction]) -> State:
     """The equilibrium of a phase as far as it is proved: what is not is left out."""
     state: State = {}
 
@@ -131,13 +154,11 @@ def _rest(grid: Microgrid, facts: Mapping[str, Fraction]) -> State:
         V = pair(f"voltage at node {node.name}")
         note(("voltage", node.name), V)
         for k, branch in enumerate(node.branches if V else ()):
-            note(("branch", node.name, k), V and _current(branch, V, grid.w0))
+            note(("branch", node.name, places[node.name][k]), V and _current(branch, V, grid.w0))
         if node.dgu:
             note(("current", node.name), pair(f"current of the DGU at node {node.name}"))
-            note(
-                ("integrator", node.name),
-                _integrator(node, state, pair(f"terminal voltage of the DGU at node {node.name}")),
-            )
+            terminal = pair(f"terminal voltage of the DGU at node {node.name}")
+            note(("integrator", node.name), _integrator(node.name, node.dgu, state, terminal))
     return state
 
 
@@ -147,69 +168,148 @@ def _current(branch: SeriesBranch, voltage: Vector, w0: Fraction) -> Vector:
     return apply(scale(1 / (R * R + X * X), add(scale(R, identity(2)), scale(-X, J))), voltage)
 
 
-def _gains(node: Node) -> StateFeedback | None:
-    """The control law u = K11 V + K12 I + K13 v of the DGU at a node, if it has one of this form."""
-    law = node.dgu and node.dgu.controller
-    return to_state_feedback(law) if isinstance(law, IdaPbc | StateFeedback) else None
+def _law(dgu: Dgu) -> tuple[StateFeedback, Vector] | None:
+    """K11, K12, K13 and c of the control law u = K11 V + K12 I + K13 v + c of a DGU; None for a linear loop.
 
-
-def _integrator(node: Node, state: State, terminal: Vector | None) -> Vector | None:
-    """What the integrator of a DGU adds to the voltage u at its terminals: u - K11 V - K12 I, in a given state."""
-    V, I = state.get(("voltage", node.name)), state.get(("current", node.name))  # noqa: E741
-    gains = _gains(node)
-    if V is None or I is None or terminal is None or gains is None:
+    For IDA-PBC v = -xi, and c = nu V* + ki L V* - (alpha / nu) j w0 C V* (THEORY 4), with the values of its design.
+    """
+    law, reference = dgu.controller, dgu.reference_volt
+    if isinstance(law, LinearLoop):
         return None
-    return _sum(terminal, _sum(apply(gains.K11, V), apply(gains.K12, I)), -1)
+    constant: Vector = reference if isinstance(law, ConstantVoltage) else (ZERO, ZERO)
+    if isinstance(law, IdaPbc):
+        own = law.design
+        charge = apply(scale(law.design_w0 * own.capacitance_farad, J), reference)
+        axes = zip(law.alpha, law.nu, law.ki, reference, charge, strict=True)
+        constant = tuple((nu + ki * own.inductance_henry) * V - alpha / nu * i for alpha, nu, ki, V, i in axes)
+    return to_state_feedback(law), constant
+
+
+def _asked(name: str, dgu: Dgu, state: State) -> Vector | None:
+    """What the law of a DGU asks for apart from its integrator: K11 V + K12 I + c, in a given state."""
+    V, I, law = state.get(("voltage", name)), state.get(("current", name)), _law(dgu)  # noqa: E741
+    if V is None or I is None or law is None:
+        return None
+    return _sum(_sum(apply(law[0].K11, V), apply(law[0].K12, I)), law[1])
+
+
+def _integrator(name: str, dgu: Dgu, state: State, terminal: Vector | None) -> Vector | None:
+    """What the integrator of a DGU adds to the voltage u at its terminals: K13 v, in a given state."""
+    asked = _asked(name, dgu, state)
+    return None if asked is None or terminal is None else _sum(terminal, asked, -1)
 
 
 def _sum(a: Vector, b: Vector, sign: int = 1) -> Vector:
     return tuple(x + sign * y for x, y in zip(a, b, strict=True))
 
 
-def _after(whole: Microgrid, off: Iterable[str], events: Iterable[Event], rest: State) -> State:
-    """The state after events at one time, in their order; `off` is what is off before them."""
-    state, gone = dict(rest), set(off)
-    for event in events:
-        if event.action == "connect":
-            (_connect_dgu if event.part == "DGU" else _connect_line)(whole, gone, event.target, state)
-            gone.discard(event.target)
+class _Course:
+    """What there is, and in which state, from one event to the next; it begins where the phase before is at rest."""
+
+    def __init__(
+        self, whole: Microgrid, before: Phase, read_law: Callable[[str, Filter | None], Any], rest: State
+    ) -> None:
+        self.whole, self.read_law, self.state = whole, read_law, dict(rest)
+        self.gone = set(before.gone)
+        self.nodes = {node.name: node for node in whole.nodes}
+        self.lines = {line.name: line for line in whole.lines}
+        self.lines_at: dict[str, list[Line]] = {}
+        for line in whole.lines:
+            for end in (line.start, line.end):
+                self.lines_at.setdefault(end, []).append(line)
+        for event in before.settings:
+            self._set(event)
+
+    def follow(self, event: Event) -> None:
+        """Go on to right after an event."""
+        name, state, kind = event.target, self.state, (event.part, event.action)
+        if kind == ("load", "connect"):
+            state["branch", name, event.index or 0] = (ZERO, ZERO)  # that of a static load is not asked for
+        elif kind == ("line", "connect"):
+            self._connect(event, (self.lines[name].start, self.lines[name].end))
+            state["line", name] = (ZERO, ZERO)
+        elif kind == ("DGU", "connect"):
+            self._connect(event, (name,) if event.discharged else ())
+            self._start(name, event.discharged)
+        elif event.action == "controller":
+            self._exchange(event)
+        elif event.action == "reference":
+            self._set(event)
         elif event.action == "disconnect":
-            gone.add(event.target)
-            kinds = ("current", "integrator") if event.part == "DGU" else ("line",)
-            for kind in kinds:
-                state.pop((kind, event.target), None)
-    return state
+            self.gone.add(event.switched)
+            own: dict[str, tuple[Part, ...]] = {"DGU": (("current", name), ("integrator", name))}
+            own |= {"line": (("line", name),), "load": (("branch", name, event.index or 0),)}
+            for part in own[event.part]:
+                state.pop(part, None)
 
+    def _connect(self, event: Event, ends: tuple[str, ...]) -> None:
+        """Switch on; at these nodes the charge C V is conserved, what connects being discharged."""
+        before = {end: self._capacitance(end) for end in ends}
+        self.gone.discard(event.switched)
+        for end, farad in before.items():
+            V, after = self.state.get(("voltage", end)), self._capacitance(end)
+            if V is not None and after:
+                self.state["voltage", end] = tuple(farad / after * x for x in V)
 
-def _connect_dgu(whole: Microgrid, _: set[str], name: str, state: State) -> None:
-    """A DGU connects at the voltage V of its node, without load: I = j w0 C V and u = V + (R + j w0 L) I."""
-    node = next(node for node in whole.nodes if node.name == name)
-    V = state.get(("voltage", name))
-    if V is None or node.dgu is None or node.dgu.filter is None:
-        return
-    own, w0 = node.dgu.filter, whole.w0
-    I = apply(scale(w0 * own.capacitance_farad, J), V)  # noqa: E741
-    state["current", name] = I
-    impedance = add(scale(own.resistance_ohm, identity(2)), scale(w0 * own.inductance_henry, J))
-    integrator = _integrator(node, state, _sum(V, apply(impedance, I)))
-    if integrator is not None:
-        state["integrator", name] = integrator
+    def _capacitance(self, name: str) -> Fraction:
+        """Farad at a node, with what is on."""
+        lines = tuple(x for x in self.lines_at.get(name, ()) if Target("line", x.name) not in self.gone)
+        names = dict.fromkeys((name, *(end for line in lines for end in (line.start, line.end))))
+        nodes = (replace(self.nodes[n], dgu=self._dgu(n)) for n in names)
+        return node_capacitances(replace(self.whole, nodes=tuple(nodes), lines=lines))[name]
 
+    def _dgu(self, name: str) -> Dgu | None:
+        """The DGU at a node as it is now, if it is on."""
+        return None if Target("DGU", name) in self.gone else self.nodes[name].dgu
 
-def _connect_line(whole: Microgrid, off: set[str], name: str, state: State) -> None:
-    """A line connects without current, its legs discharged: C V is conserved at both ends."""
-    line = next(line for line in whole.lines if line.name == name)
-    state["line", name] = (Fraction(0), Fraction(0))
-    before, after = (node_capacitances(_switched(whole, gone)) for gone in (off, off - {name}))
-    for end in (line.start, line.end):
-        V = state.get(("voltage", end))
-        if V is not None and after[end]:
-            state["voltage", end] = tuple(before[end] / after[end] * x for x in V)
+    def _start(self, name: str, discharged: bool) -> None:
+        """The states of a DGU that connects: zero, or synchronised: I = j w0 C V and u = V + (R + j w0 L) I."""
+        dgu, V, w0 = self._dgu(name), self.state.get(("voltage", name)), self.whole.w0
+        if V is None or dgu is None or dgu.filter is None or isinstance(dgu.controller, LinearLoop):
+            return
+        own = dgu.filter
+        I = (ZERO, ZERO) if discharged else apply(scale(w0 * own.capacitance_farad, J), V)  # noqa: E741
+        self.state["current", name] = I
+        if discharged:
+            self.state["integrator", name] = (ZERO, ZERO)
+        else:
+            impedance = add(scale(own.resistance_ohm, identity(2)), scale(w0 * own.inductance_henry, J))
+            self._take_over(name, dgu, _sum(V, apply(impedance, I)))
 
+    def _take_over(self, name: str, dgu: Dgu, terminal: Vector | None) -> None:
+        """Set the integrator of a DGU so that its law asks for this voltage; it is not known if it cannot be set so."""
+        found = _integrator(name, dgu, self.state, terminal) if integrates(dgu.controller) else None
+        if found is None:
+            self.state.pop(("integrator", name), None)
+        else:
+            self.state["integrator", name] = found
 
-def _switched(whole: Microgrid, off: set[str]) -> Microgrid:
-    nodes = tuple(replace(node, dgu=None) if node.name in off else node for node in whole.nodes)
-    return replace(whole, nodes=nodes, lines=tuple(line for line in whole.lines if line.name not in off))
+    def _exchange(self, event: Event) -> None:
+        """Another controller: the voltage that is applied does not jump."""
+        name, dgu = event.target, self._dgu(event.target)
+        applied = self._applied(name, dgu) if dgu else None
+        self._set(event)
+        new = self._dgu(name)
+        if new is not None:
+            self._take_over(name, new, applied)
+
+    def _applied(self, name: str, dgu: Dgu) -> Vector | None:
+        """The voltage at the terminals of an inverter, within its limits."""
+        law, asked = _law(dgu), _asked(name, dgu, self.state)
+        added = self.state.get(("integrator", name)) if law and law[0].K13 is not None else (ZERO, ZERO)
+        if asked is None or added is None:
+            return None
+        limits = dgu.limits_volt or (None, None)
+        pairs = zip(_sum(asked, added), limits, strict=True)
+        return tuple(u if limit is None else max(-limit, min(u, limit)) for u, limit in pairs)
+
+    def _set(self, event: Event) -> None:
+        """A reference or a controller, of what is on or off."""
+        node = self.nodes[event.target]
+        if node.dgu and event.reference_volt:
+            self.nodes[node.name] = replace(node, dgu=replace(node.dgu, reference_volt=event.reference_volt))
+        elif node.dgu and event.controller and (law := self.read_law(event.controller, node.dgu.filter)):
+            self.nodes[node.name] = replace(node, dgu=replace(node.dgu, controller=law))
 
 
 def _storages(context: Context, certificate: Certificate) -> dict[str, Matrix]:
@@ -227,7 +327,7 @@ def _storages(context: Context, certificate: Certificate) -> dict[str, Matrix]:
 
 
 def _contributions(
-    context: Context, island: Iterable[str], storages: Mapping[str, Matrix], state: State, goal: State
+    context: Context, places: Places, island: Iterable[str], storages: Mapping[str, Matrix], state: State, goal: State
 ) -> Iterator[tuple[str, Fraction | None]]:
     """The share of each part of an island in H, in joule; None if a state of the part is not known."""
 
@@ -245,7 +345,10 @@ def _contributions(
         else:
             yield f"node {name}", stored(context.capacitances["0"][name], "voltage", name)
         for k, branch in enumerate(node.branches):
-            yield f"series R-L load {k} at node {name}", stored(branch.inductance_henry, "branch", name, k)
+            yield (
+                f"series R-L load {k} at node {name}",
+                stored(branch.inductance_henry, "branch", name, places[name][k]),
+            )
         for line in context.lines_at[name]:
             if line.start == name:
                 yield f"line {line.name}", stored(line.branch.inductance_henry, "line", line.name)
@@ -255,11 +358,11 @@ def _dgu_storage(node: Node, P: Matrix | None, deviation: Any) -> Fraction | Non
     """x~'P x~/2 with x = (V, I, v), or (V, I) without integrator."""
     parts = [deviation("voltage", node.name), deviation("current", node.name)]
     if P is not None and len(P) > 4:
-        gains, integrator = _gains(node), deviation("integrator", node.name)
-        if gains is None or gains.K13 is None or integrator is None:
+        law, added = node.dgu and _law(node.dgu), deviation("integrator", node.name)
+        if not law or law[0].K13 is None or added is None:
             return None
-        try:  # K13 v~ = u~ - K11 V~ - K12 I~, of the voltages and currents before the jump: v itself does not jump
-            parts.append(tuple(x for (x,) in solve(gains.K13, tuple((x,) for x in integrator))))
+        try:
+            parts.append(tuple(x for (x,) in solve(law[0].K13, tuple((x,) for x in added))))
         except ZeroDivisionError:
             return None
     if P is None or None in parts:

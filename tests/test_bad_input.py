@@ -122,6 +122,19 @@ EDITS = {
     "absurd frequency": ('"50 Hz"', '"50 GHz"', "S202", "frequency"),
     "zero reference": ('["0.9 pu", "0.5 pu"]', "[0, 0]", "S208", "node.a.dgu.reference"),
     "zero limit": ('"0.5 pu"]', '"0.5 pu"], limits = [0, "9 kV"]', "S208", "node.a.dgu.limits[0]"),
+    "anti-windup without limits": ('"0.5 pu"]', '"0.5 pu"], anti_windup = "20 ms"', "S212", "node.a.dgu.anti_windup"),
+    "anti-windup of zero": (
+        '"0.5 pu"]',
+        '"0.5 pu"], limits = [1e5, 1e5], anti_windup = 0',
+        "S208",
+        "node.a.dgu.anti_windup",
+    ),
+    "anti-windup that is no time": (
+        '"0.5 pu"]',
+        '"0.5 pu"], limits = [1e5, 1e5], anti_windup = "20 V"',
+        "S203",
+        "node.a.dgu.anti_windup",
+    ),
     "not a number": ('R = "0.1 ohm"', "R = nan", "S201", "filter.lc.R"),
     "infinite": ('R = "0.1 ohm"', "R = inf", "S201", "filter.lc.R"),
     "text for a number": ('R = "0.1 ohm"', 'R = "little"', "S201", "filter.lc.R"),
@@ -196,6 +209,35 @@ def test_edit(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert str(file) in message
     assert f"{file}: {path}" in message if path else True
     assert "= help:" in message
+
+
+@pytest.mark.parametrize(
+    "gains",
+    [
+        ("alpha = -5", "alpha = [-5, 0]"),
+        ("ki = 100", "ki = [0, 100]"),
+        ('kind = "ida-pbc"\nalpha = -5\nnu = 1\nki = 100', 'kind = "constant"'),
+        ('kind = "ida-pbc"\nalpha = -5\nnu = 1\nki = 100', 'kind = "state-feedback"\nK11 = 0\nK12 = -5'),
+        (
+            'kind = "ida-pbc"\nalpha = -5\nnu = 1\nki = 100',
+            'kind = "state-feedback"\nK11 = 0\nK12 = -5\nK13 = [[1, 2], [2, 4]]',
+        ),
+        (
+            'kind = "ida-pbc"\nalpha = -5\nnu = 1\nki = 100',
+            'kind = "linear"\nF = [[-1, 0], [0, -1]]\nB = [[1, 0], [0, 1]]\nC = [[1, 0], [0, 1]]',
+        ),
+    ],
+)
+def test_anti_windup_needs_an_integral_gain_that_can_be_inverted(
+    gains: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "spec.toml"
+    text = GOOD.replace(*gains)
+    assert text != GOOD
+    file.write_text(text.replace('"0.5 pu"]', '"0.5 pu"], limits = [1e5, 1e5], anti_windup = "20 ms"', 1))
+    message = failing_main(file, capsys)
+    assert "error[S212]: the integral gain of its controller cannot be inverted" in message
+    assert f"{file}: node.a.dgu.anti_windup\n  = help: give limits and a controller with integral action" in message
 
 
 CONTENTS = {

@@ -20,7 +20,7 @@ from certify.inputs import decode_all
 from certify.kernel.claims import Claim
 from certify.kernel.errors import SpecError
 from certify.phases import read_phases
-from certify.report.network import read_region, read_rest
+from certify.rests import read_region, read_rest
 from tests import campaign_equilibria as campaign
 from tests.conftest import ROOT
 from tests.equilibrium_oracle import find_equilibria, read_network

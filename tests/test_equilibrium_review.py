@@ -27,7 +27,7 @@ from certify.kernel import balls, loads
 from certify.kernel.check import check, proof_key
 from certify.kernel.claims import Claim, Context, statements
 from certify.kernel.data import Data
-from certify.kernel.errors import Rejected, RuleFailure
+from certify.kernel.errors import Rejected, RuleFailure, SpecError
 from certify.kernel.model import LoadLaw, PowerTerm
 from certify.kernel.proofs import RULES
 from certify.kernel.spec import decode
@@ -644,17 +644,27 @@ def test_regions_of_random_networks_are_invariant() -> None:
 # --- modes -----------------------------------------------------------------------------------------------------------
 
 
-def test_modes_are_the_loops_with_axes_held() -> None:
-    rng, passive = random.Random(11), 0
-    for _ in range(12):
+@pytest.mark.parametrize(("T", "enough"), [(None, 12), ("20 ms", 4), ("0.1 ms", 4)])
+def test_modes_are_the_loops_with_axes_held(T: str | None, enough: int) -> None:
+    rng, passive, coupled = random.Random(11), 0, 0
+    for _ in range(12 if T is None else 24):
         K11, K12 = (
             [[round(rng.uniform(-3, 0.5) if i == j else rng.uniform(-0.3, 0.3), 2) for j in (0, 1)] for i in (0, 1)]
             for _ in "VI"
         )
         K12[0][0], K12[1][1] = (round(-rng.uniform(2, 8), 1) for _ in "dq")
-        K13 = [[rng.choice([0, 100]) if i == j else rng.choice([0, 0, 40]) for j in (0, 1)] for i in (0, 1)]
+        K13 = [
+            [rng.choice([0, 100]) if i == j else rng.choice([0, 0, 40] if T is None else [0, 40]) for j in (0, 1)]
+            for i in (0, 1)
+        ]
         law = {"kind": "state-feedback", "K11": K11, "K12": K12, "K13": K13}
         dgu = {"filter": "lc", "controller": "c", "reference": ["400 V", "0 V"], "limits": ["600 V", "600 V"]}
+        if T is not None:
+            dgu["anti_windup"] = T
+            if not np.linalg.det(K13):
+                with pytest.raises(SpecError, match="S212"):
+                    decode(as_spec(controller={"c": law}, node={"a": {"dgu": dgu}}))
+                continue
         spec = as_spec(controller={"c": law}, node={"a": {"dgu": dgu}})
         context, claims = Context(decode(spec)), claims_of(prove(spec))
         for held in ("d", "q", "dq"):
@@ -668,6 +678,12 @@ def test_modes_are_the_loops_with_axes_held() -> None:
             F[2:4, :4] = np.hstack([gains[0] - I2, gains[1] - R * I2 - W0 * L * J]) / L
             for i, k in enumerate(axes):
                 F[2:4, 4 + i], F[4 + i, k] = gains[2][:, k] / L, -1
+            if T is not None and n == 6:
+                row = "dq".index(held)
+                asked = np.concatenate([K11[row], K12[row], K13[row]])
+                back = np.linalg.inv(np.array(K13, dtype=float))[:, row]
+                F[4:] -= np.outer(back, asked) / (float(T.split()[0]) / 1000)
+                coupled += 1
             port = context.port(("a", held))
             assert np.allclose(np.array(port.F, dtype=float), F, rtol=1e-9, atol=1e-6)
             claim = claims[f"mode/a/{held}"]
@@ -679,7 +695,8 @@ def test_modes_are_the_loops_with_axes_held() -> None:
                     Z = np.linalg.solve(s * np.eye(n) - F, B)[:2]
                     least = float(np.linalg.eigvalsh((Z + Z.conj().T) / 2)[0]) + facts.get("shortage eps", 0.0)
                     assert least > -1e-7 * np.abs(Z).max(), (K11, K12, K13, held)
-    assert passive > 12
+    assert passive > enough
+    assert T is None or coupled > 3
 
 
 # --- tampering ---------------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import random
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -115,6 +116,86 @@ def test_closed_loop_against_finite_differences(kind: str, repeat: int) -> None:
     B[0, 0] = B[1, 1] = 1 / float(c)
     numpy.testing.assert_allclose([[float(x) for x in row] for row in port.B], B)
     assert tuple(tuple(Fraction(int(i == j)) for j in range(6)) for i in range(2)) == port.C
+
+
+def saturating(law, filter_: Filter, c: Fraction, limits: tuple[float, float], T: float):  # type: ignore[no-untyped-def]
+    """x = (V, I, v) with limits and back-calculation, as it is executed; of IDA-PBC the state is xi and v = -xi."""
+    R, L, C, w = (float(v) for v in (filter_.resistance_ohm, filter_.inductance_henry, c, W0))
+    reference, ida = numpy.array([310.0, -40.0]), isinstance(law, IdaPbc)
+    turn = numpy.array([[0.0, -1.0], [1.0, 0.0]])
+    if ida:
+        alpha, nu, ki = (numpy.array([float(x) for x in pair]) for pair in (law.alpha, law.nu, law.ki))
+        Rd, Ld, Cd, wd = (
+            float(q)
+            for q in (
+                law.design.resistance_ohm,
+                law.design.inductance_henry,
+                law.design.capacitance_farad,
+                law.design_w0,
+            )
+        )
+        K13 = numpy.diag(-alpha / nu * ki)
+    else:
+        K11, K12, K13 = (numpy.array([[float(x) for x in row] for row in K]) for K in (law.K11, law.K12, law.K13))
+
+    def asked(x: numpy.ndarray) -> numpy.ndarray:
+        V, I, s = x[:2], x[2:4], x[4:]  # noqa: E741
+        if not ida:
+            return K11 @ V + K12 @ I + K13 @ s
+        off = V - reference
+        inner = I - wd * Cd * (turn @ reference)
+        return alpha / nu * (inner + ki * s) - nu * off + Rd * I + wd * Ld * (turn @ I) + V - Ld * ki * off
+
+    def rhs(x: numpy.ndarray) -> numpy.ndarray:
+        V, I, u = x[:2], x[2:4], asked(x)  # noqa: E741
+        sat = numpy.clip(u, -numpy.array(limits), limits)
+        back = numpy.linalg.solve(K13, sat - u) / T
+        s_dot = V - reference - back if ida else reference - V + back
+        return numpy.concatenate([(I - w * C * (turn @ V)) / C, (sat - V - R * I - w * L * (turn @ I)) / L, s_dot])
+
+    return asked, rhs
+
+
+@pytest.mark.parametrize("shape", ["full", "upper", "lower", "diagonal", "ida-pbc"])
+@pytest.mark.parametrize("held", ["", "d", "q", "dq"])
+def test_modes_with_anti_windup_against_finite_differences(shape: str, held: str) -> None:
+    """The port of a mode is the block of what stays, and what is left out does not enter it."""
+    filter_, c, T = random_filter(), rational(1e-5, 9e-5), rational(1e-3, 1e-1)
+    law: StateFeedback | IdaPbc
+    if shape == "ida-pbc":
+        pairs = [tuple(rational(lo, hi) for _ in range(2)) for lo, hi in ((-9, -1), (0.5, 3), (10, 200))]
+        law = IdaPbc(*pairs, random_filter(), W0 * Fraction(101, 100))  # type: ignore[arg-type]
+    else:
+        gains = [tuple(tuple(rational(1, 5) for _ in range(2)) for _ in range(2)) for _ in range(3)]
+        zero = {"full": (), "upper": ((1, 0),), "lower": ((0, 1),), "diagonal": ((0, 1), (1, 0))}[shape]
+        K13 = [[Fraction(0) if (i, j) in zero else gains[2][i][j] for j in (0, 1)] for i in (0, 1)]
+        law = StateFeedback(gains[0], gains[1], tuple(map(tuple, K13)))
+    x = numpy.array([300.0, 20.0, 7.0, -3.0, 11.0, 13.0])
+    wanted, _ = saturating(law, filter_, c, (1.0, 1.0), float(T))
+    u = numpy.abs(wanted(x))
+    limits = (u[0] / 9 if "d" in held else u[0] * 9 + 99, u[1] / 9 if "q" in held else u[1] * 9 + 99)
+    _, rhs = saturating(law, filter_, c, limits, float(T))
+    step = 1e-3
+    whole = numpy.array([(rhs(x + step * e) - rhs(x - step * e)) / (2 * step) for e in numpy.eye(6)]).T
+    if shape == "ida-pbc":
+        whole[4:, :] *= -1
+        whole[:, 4:] *= -1
+    dgu = Dgu(filter_, law, (Fraction(310), Fraction(-40)), (Fraction(1), Fraction(1)), T)
+    port = dgu_port(dgu, c, W0, held)
+    stay = range(6)
+    if held == "dq":
+        stay = range(4)
+    elif len(port.F) == 5:  # the integrator that acts on the free axis
+        free = 1 if held == "d" else 0
+        assert isinstance(law, IdaPbc) or sum(bool(x) for x in (law.K13 or ())[free]) == 1
+        stay = [*range(4), 4 + (free if shape in ("diagonal", "ida-pbc") else next(k for k in (0, 1) if K13[free][k]))]
+    expected = whole[numpy.ix_(stay, stay)]
+    actual = numpy.array([[float(v) for v in row] for row in port.F])
+    assert numpy.allclose(actual, expected, rtol=1e-6, atol=1e-6 * abs(expected).max(axis=1, keepdims=True))
+    left_out = [k for k in range(6) if k not in stay]
+    assert abs(whole[numpy.ix_(stay, left_out)]).max(initial=0) < 1e-6
+    without = dgu_port(replace(dgu, anti_windup_second=None), c, W0, held)
+    assert (port == without) == ((shape != "full" and len(port.F) != 6) or held in ("", "dq"))
 
 
 def test_linear_loop_with_legs_is_the_plant_with_more_capacitance() -> None:

@@ -19,7 +19,7 @@ from certify.kernel.data import Data
 from certify.kernel.proofs import full_storage
 from certify.kernel.rules import storage_at
 from certify.kernel.spec import LinearLoop, Microgrid, Node
-from certify.report.network import read_rest
+from certify.rests import read_rest
 from certify.simulate.plant import Plant
 from tests.bench.networks import microgrid
 from tests.conftest import ROOT

@@ -139,6 +139,7 @@ WHOLE: dict[str, Callable[[Spec], object]] = {
     "a line less": lambda s: s["line"].pop(17),
     "lines in another order": lambda s: s["line"].reverse(),
     "a reference": lambda s: s["node"]["n4"]["dgu"].update(reference=["1 pu", "0.01 pu"]),
+    "anti-windup": lambda s: s["node"]["n4"]["dgu"].update(limits=["60 kV", "60 kV"], anti_windup="20 ms"),
     "limits": lambda s: s["node"]["n4"]["dgu"].update(limits=["14 kV", "30 kV"]),
     "a load at a lone node": lambda s: s["node"]["n3"].update(load=[{"kind": "zip", "Y": ["1 mS", "1 mS"]}]),
     "a load that is not monotone": lambda s: s["node"]["n3"].update(load=[{"kind": "zip", "P": ["9 MW", "0 var"]}]),

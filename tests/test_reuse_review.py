@@ -14,8 +14,11 @@ import pytest
 
 from certify import accepted
 from certify.certificate import prove, to_canonical_json
-from certify.comparison import compare
+from certify.comparison import compare, contents
 from certify.inputs import decode_all
+from certify.kernel.check import check
+from certify.kernel.claims import Context
+from certify.kernel.errors import Rejected
 from certify.reuse import _prove_changes, _WholeError, prove_again
 from certify.search.proposal import Proposal
 from certify.search.prove import Search
@@ -204,6 +207,47 @@ def test_the_proof_of_a_mode_with_a_shortage_is_its_own(monkeypatch: pytest.Monk
     result = prove_again(spec, certificate.data)
     assert statuses(result.certificate) == statuses(certificate)
     assert not result.again or {name.split("/")[0] for name in result.again} == {"saturated"}
+
+
+COUPLED = {
+    "kind": "state-feedback",
+    "K11": "1 - 1000*L",
+    "K12": [["R - 1001", "-w0*L"], ["w0*L", "R - 1001"]],
+    "K13": [["1000", "100"], ["-100", "1000"]],
+}
+
+
+def with_anti_windup(T: str | None) -> Spec:
+    """A node whose modes depend on how its integrators are led back, because K13 couples the axes."""
+
+    def change(spec: Spec) -> None:
+        spec["controller"]["c4"] = COUPLED
+        spec["node"]["n4"]["dgu"].update(limits=["60 kV", "60 kV"], **({} if T is None else {"anti_windup": T}))
+
+    return edited(change, base(6))
+
+
+@pytest.mark.parametrize(("old", "new"), [(None, "20 ms"), ("20 ms", "1 ms"), ("20 ms", None)])
+def test_another_anti_windup_is_never_overlooked(old: str | None, new: str | None) -> None:
+    """The proofs of its modes are about other matrices: the short way is not taken, and the kernel refuses old ones."""
+    before, after = with_anti_windup(old), with_anti_windup(new)
+    ports = [Context(decode_all(text(spec))).port(("n4", "d")).F for spec in (before, after)]
+    assert ports[0] != ports[1]
+    assert ports[0][:4] == ports[1][:4]
+    certificate, fresh = prove(text(before)), prove(text(after))
+    accepted.remember(text(before), certificate.data)
+    result = prove_again(text(after), certificate.data)
+    assert result.whole
+    assert result.taken_over == 0
+    assert statuses(result.certificate) == statuses(fresh)
+    assert {"mode/n4/d", "mode/n4/q"} <= set(result.again)
+    document = json.loads(certificate.data) | {"spec_sha256": json.loads(fresh.data)["spec_sha256"]}
+    if old is not None:  # without, the modes were refuted, by witnesses that refute them with it too
+        with pytest.raises(Rejected):
+            check(text(after), to_canonical_json(document))
+    grids = decode_all(text(before)), decode_all(text(after))
+    was, now = map(contents, grids)
+    assert {name for name in was if was[name] != now[name]} == {f"mode/n4/{held}" for held in ("d", "q", "dq")}
 
 
 # --- what is called kept -------------------------------------------------------------------------------------------

@@ -122,7 +122,8 @@ class Context:
         """What the port of the DGU at this node depends on."""
         name, held = split(mode)
         dgu = self.nodes[name].dgu
-        return dgu and (dgu.filter, dgu.controller, held, *(self.capacitances[sign][name] for sign in SIGNS))
+        caps = (self.capacitances[sign][name] for sign in SIGNS)
+        return dgu and (dgu.filter, dgu.controller, held, held and dgu.anti_windup_second, *caps)
 
     def corners(self, mode: Mode) -> tuple[str, ...]:
         """The corners of the box of R, L and C at a DGU, one sign each; only "000" without tolerances."""

@@ -18,10 +18,10 @@ from certify.kernel.claims import Context, Fact, Rest, held_at_limits
 from certify.kernel.data import Data
 from certify.kernel.errors import require
 from certify.kernel.linalg import ZERO
-from certify.kernel.model import Pieces, PowerTerm, to_state_feedback
+from certify.kernel.model import Pieces, PowerTerm
 from certify.kernel.powers import PRECISIONS, Interval
 from certify.kernel.reader import Pair
-from certify.kernel.spec import ConstantVoltage, Filter, LinearLoop, SeriesBranch
+from certify.kernel.spec import ConstantVoltage, Filter, LinearLoop, SeriesBranch, integrates
 
 MAX_SIZE = Fraction(10) ** 60  # of any number of a proof
 MAX_VOLTAGE_DIGITS = 80  # of the numbers of a proof, so that enclosures stay quick
@@ -40,12 +40,9 @@ class Island:
 def regulates(context: Context, name: str) -> bool:
     """Whether the DGU at a node is at rest only where its voltage is the reference: with integral action, or alike."""
     dgu = context.nodes[name].dgu
-    if dgu is None or isinstance(dgu.controller, ConstantVoltage):
-        return False
-    if isinstance(dgu.controller, LinearLoop):
+    if dgu and isinstance(dgu.controller, LinearLoop):
         return _rest_impedance(context, dgu.controller) == (ZERO, ZERO)
-    K13 = to_state_feedback(dgu.controller).K13
-    return K13 is not None and la.rank(K13, 2) == 2
+    return dgu is not None and integrates(dgu.controller)
 
 
 def _rest_impedance(context: Context, loop: LinearLoop) -> Pair | None:

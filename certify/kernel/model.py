@@ -107,12 +107,11 @@ def law_corners(law: LoadLaw) -> tuple[str, ...]:
     One sign for each term, active ones first. An active term with an exponent of 1 or more adds a positive semidefinite
     part to the Jacobian, so its lower end is the worse one; a reactive term of exponent 2 adds nothing symmetric.
     """
-    if not any(t.spread or t.blur for t in (*law.active, *law.reactive)):
-        return ("0" * len((*law.active, *law.reactive)),)
-    ends = ["-+" if t.exponent < 1 else "-" for t in law.active] + [
-        "0" if t.exponent == 2 else "-+" for t in law.reactive
-    ]
     terms = (*law.active, *law.reactive)
+    if not any(t.spread or t.blur for t in terms):
+        return ("0" * len(terms),)
+    ends = ["-+" if t.exponent < 1 else "-" for t in law.active]
+    ends += ["0" if t.exponent == 2 else "-+" for t in law.reactive]
     free = [signs if term.spread or term.blur else "0" for term, signs in zip(terms, ends, strict=True)]
     require(sum(len(signs) > 1 for signs in free) <= MAX_SIGNS, "a box of tolerances with too many corners")
     return tuple("".join(signs) for signs in product(*free))
@@ -193,6 +192,11 @@ def dgu_port(dgu: Dgu, capacitance_farad: Fraction, w0: Fraction, held: str = ""
     impedance = add(scale(dgu.filter.resistance_ohm, I2), scale(w0 * dgu.filter.inductance_henry, J))
     branch = add(K, block([[scale(-1, I2), scale(-1, impedance), zeros(2, n)]]))  # L I~' = u~ - V~ - (R + j w0 L) I~
     rest = tuple(tuple(-ONE if j == k else ZERO for j in range(4 + n)) for k in axes)  # v' = -V~
+    if axes and held and dgu.anti_windup_second is not None:  # v' = V* - V + K13^-1 (sat(u) - u)/T, and sat(u)~ = 0
+        whole, K13 = feedback(law)[0], to_state_feedback(law).K13 or zeros(2, 2)
+        back = solve(K13, tuple(row if "dq"[i] in held else (ZERO,) * 6 for i, row in enumerate(whole)))
+        kept = tuple(tuple(back[k][j] for j in (*range(4), *(4 + m for m in axes))) for k in axes)
+        rest = add(rest, scale(-1 / dgu.anti_windup_second, kept))
     rows = (*block([[scale(-w0, J), per_c, zeros(2, n)]]), *scale(1 / dgu.filter.inductance_henry, branch), *rest)
     return LinearPort(rows, (*per_c, *zeros(2 + n, 2)), block([[I2, zeros(2, 2 + n)]]), c)
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from certify.kernel.currents import CurrentLaw, current_law
 from certify.kernel.errors import Fault, SpecError
-from certify.kernel.linalg import Matrix
+from certify.kernel.linalg import Matrix, rank
 from certify.kernel.quantity import Formula, QuantityError, parse_formula, parse_quantity, shorten
 from certify.kernel.reader import REQUIRED, Pair, Reader, Schema, TableReader, keep, read_document, shown
 
@@ -93,10 +93,13 @@ class ConstantVoltage:
 
 @dataclass(frozen=True)
 class Dgu:
+    """`anti_windup_second`: the time constant with which integrators follow what an axis at its limit applies."""
+
     filter: Filter | None
     controller: IdaPbc | StateFeedback | LinearLoop | ConstantVoltage
     reference_volt: Pair
     limits_volt: Pair | None
+    anti_windup_second: Fraction | None = None
 
 
 @dataclass(frozen=True)
@@ -303,19 +306,13 @@ class Decoder(TableReader):
             self.per_unit |= {"S": 1 / impedance, "H": impedance / self.w0, "F": 1 / (impedance * self.w0)}
 
     def filter(self, raw: object, path: str) -> Filter | None:
-        schema = {
-            **self.impedances(">= 0", "> 0"),
-            "tolerance": self.tolerance("R L C", self.common_share("filter", 3)),
-        }
-        values = self.table(raw, path, schema)
+        tolerance = self.tolerance("R L C", self.common_share("filter", 3))
+        values = self.table(raw, path, {**self.impedances(">= 0", "> 0"), "tolerance": tolerance})
         return None if None in values.values() else Filter(*values.values())
 
     def line_type(self, raw: object, path: str) -> dict[str, Any]:
-        schema = {
-            **self.impedances("> 0", ">= 0", "/m"),
-            "tolerance": self.tolerance("R L C", self.common_share("line", 3)),
-        }
-        return self.table(raw, path, schema)
+        tolerance = self.tolerance("R L C", self.common_share("line", 3))
+        return self.table(raw, path, {**self.impedances("> 0", ">= 0", "/m"), "tolerance": tolerance})
 
     def controller(self, raw: object, path: str) -> Any:
         """Checked here as far as it can be without a filter; `evaluate` does the rest for each filter."""
@@ -365,9 +362,7 @@ class Decoder(TableReader):
             shapes = [(len(gains[key]), len(gains[key][0])) for key in "FBC"]
             n = shapes[0][0]
             if shapes != [(n, n), (n, 2), (2, n)]:
-                listed = ", ".join(
-                    f"{key} is {rows} x {width}" for key, (rows, width) in zip("FBC", shapes, strict=True)
-                )
+                listed = ", ".join(f"{key} is {m} x {k}" for key, (m, k) in zip("FBC", shapes, strict=True))
                 self.fault("S103", path, f"F must be n x n, B n x 2 and C 2 x n, but {listed}")
         return None if len(self.faults) > before else (kind, values.get("design", {}), formulas, gains)
 
@@ -388,16 +383,13 @@ class Decoder(TableReader):
             scope[name] = self.attempt(f"{path}.let.{name}", partial(formula.evaluate, scope))
             if scope[name] is None:
                 return None
+
+        def value(formula: Formula, key: str, i: int, j: int) -> Any:
+            where = f"{path}.{key}[{i}][{j}]" if kind == "linear" else f"{path}.{key}"
+            return self.attempt(where, partial(formula.evaluate, scope))
+
         matrix = {
-            key: tuple(
-                tuple(
-                    self.attempt(
-                        f"{path}.{key}" + (f"[{i}][{j}]" if kind == "linear" else ""), partial(f.evaluate, scope)
-                    )
-                    for j, f in enumerate(row)
-                )
-                for i, row in enumerate(rows)
-            )
+            key: tuple(tuple(value(f, key, i, j) for j, f in enumerate(row)) for i, row in enumerate(rows))
             for key, rows in gains.items()
         }
         if kind == "ida-pbc" and 0 in matrix["nu"][0]:
@@ -434,8 +426,8 @@ class Decoder(TableReader):
         name, static = path.split(".", 1)[1], tuple(x for x, _ in loads)
         if currents:
             self.disk(currents, static, span, f"{path}.load")
-            return Node(name, table["dgu"], static, branches, None, table["capacitance"], currents[0])
-        return Node(name, table["dgu"], static, branches, span, table["capacitance"])
+        band = None if currents else span
+        return Node(name, table["dgu"], static, branches, band, table["capacitance"], *currents[:1])
 
     def disk(
         self, currents: list[CurrentLoad], others: Sequence[ZipLoad | ExpLoad], span: Pair | None, path: str
@@ -446,9 +438,8 @@ class Decoder(TableReader):
         for load in others:
             plain = not any(load.I) if isinstance(load, ZipLoad) else {load.np, load.nq} <= {0, 2}
             if not plain or any(load.tolerance) or load.cutoff_volt is not None:
-                self.fault(
-                    "S310", path, "beside a load given by its current only constant admittances and powers may stand"
-                )
+                allowed = "only constant admittances and powers may stand"
+                self.fault("S310", path, f"beside a load given by its current {allowed}")
         size, radius = sum(x * x for x in currents[0].centre_volt), currents[0].radius_volt
         if span and not ((span[0] + radius) ** 2 <= size and radius < span[1] and size <= (span[1] - radius) ** 2):
             self.fault("S310", path, "the disk reaches out of the voltage band of another load")
@@ -459,6 +450,7 @@ class Decoder(TableReader):
             "controller": (self.one_of(self.controllers, "S306", "a controller"), REQUIRED),
             "reference": (self.pair(self.unit("V"), self.unit("V")), REQUIRED),
             "limits": (self.pair(self.unit("V", "> 0"), self.unit("V", "> 0")), None),
+            "anti_windup": (self.unit("s", "> 0"), None),
         }
         table = self.table(raw, path, schema)
         if table["reference"] and not any(table["reference"]):
@@ -473,7 +465,12 @@ class Decoder(TableReader):
             self.fault("S210", f"{path}.filter", "a tolerance has no meaning for a linear loop: its F holds the plant")
             return None
         evaluated = self.evaluate(table["controller"], filter_)
-        return Dgu(filter_, evaluated, table["reference"], table["limits"]) if evaluated else None
+        if isinstance(raw, dict) and "anti_windup" in raw:
+            if "limits" not in raw:
+                self.fault("S212", f"{path}.anti_windup", "this DGU has no limits, so it never winds up")
+            if evaluated and not integrates(evaluated):
+                self.fault("S212", f"{path}.anti_windup", "the integral gain of its controller cannot be inverted")
+        return Dgu(filter_, evaluated, *list(table.values())[2:]) if evaluated else None
 
     def load(self, raw: Any, path: str) -> tuple[ZipLoad | ExpLoad | CurrentLoad | SeriesBranch | None, Any]:
         """A load, and for a static one the band in which its claim must hold."""
@@ -496,9 +493,8 @@ class Decoder(TableReader):
             return CurrentLoad(law, table["centre"], table["radius"]) if law else None, None
         schema["band"] = (self.band, None if self.common_band is REQUIRED else self.common_band)
         if self.common_band is REQUIRED and "band" not in raw:
-            self.fault(
-                "S102", f"{path}.band", "no voltage band: give this load a band, or the microgrid a voltage_band"
-            )
+            what_to_do = "give this load a band, or the microgrid a voltage_band"
+            self.fault("S102", f"{path}.band", f"no voltage band: {what_to_do}")
         schema["below"] = (self.one_of(["constant-impedance"]), None)
         zero = Fraction(0)
         if kind == "zip":
@@ -573,6 +569,12 @@ class Decoder(TableReader):
             if not any(nodes[name].dgu for name in island):
                 listed = ", ".join(island[:6]) + (", ..." if len(island) > 6 else "")
                 self.fault("S304", f"node.{island[0]}", f"no DGU among the connected nodes {listed}")
+
+
+def integrates(law: IdaPbc | StateFeedback | LinearLoop | ConstantVoltage) -> bool:
+    """Whether the integral gain K13 of a law is there and can be inverted."""
+    energy_shaping = isinstance(law, IdaPbc) and all((*law.alpha, *law.ki))  # then K13 = -(alpha/nu) ki
+    return energy_shaping or (isinstance(law, StateFeedback) and law.K13 is not None and rank(law.K13, 2) == 2)
 
 
 def components(names: Iterable[str], lines: Iterable[Line]) -> tuple[tuple[str, ...], ...]:

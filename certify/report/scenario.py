@@ -20,6 +20,7 @@ from certify.report.machine import verdict_to_dict
 from certify.report.network import summary
 from certify.report.text import approximate, open_claims, paint, stability
 from certify.search.prove import Progress
+from certify.simulate.scenario import Event
 
 SHOWN_ISLANDS = 12
 SHOWN_PHASES = 12
@@ -27,7 +28,8 @@ SHARES = 1000  # of a phase, for progress
 CAVEAT = (
     "H is the storage of the new phase right after its events, and c the level up to which the new phase is proved to "
     "attract.\nThat is computed from the two certificates and not a proof. It rests on the phase before having come to "
-    "rest, lines that\nconnect discharged, and DGUs that connect synchronised and without load."
+    "rest, and on ideal\nswitching: lines connect discharged, DGUs synchronised and without load unless their event "
+    "says discharged, and a new\ncontroller takes over the voltage that is applied."
 )
 
 
@@ -136,10 +138,7 @@ def _render_phase(entry: ProvedPhase, every_claim: bool, colour: bool) -> list[s
     settled = sum(claim.status == "proved" for claim in verdict.claims)
     word = paint(verdict.outcome, colour, verdict.outcome.upper())
     lines = [f"phase {phase.number}, {phase.span}: {word}, {settled} of {len(verdict.claims)} claims proved"]
-    for event in phase.events:
-        changed = f" at node {event.target} changes: {', '.join(key for key, _ in event.coefficients)}"
-        what = changed if event.action == "load" else f" {event.target} {event.action}s"
-        lines.append(f"  {event.part}{what}")
+    lines += [f"  {_render_event(event)}" for event in phase.events]
     if phase.off:
         lines.append(f"  off: {', '.join(phase.off)}")
     lines += [f"  {_render_jump(jump)}" for jump in entry.jumps[:SHOWN_ISLANDS]]
@@ -150,6 +149,41 @@ def _render_phase(entry: ProvedPhase, every_claim: bool, colour: bool) -> list[s
         lines.append(table(((c.status, c.id, c.rule or "-", c.statement) for c in verdict.claims), "    "))
     found = open_claims(verdict, entry.certificate.notes, colour)
     return [*lines, *(f"    {line}".rstrip() for line in found)]
+
+
+def _render_event(event: Event) -> str:
+    """What happens, in words.
+
+    >>> from fractions import Fraction
+    >>> _render_event(Event(Fraction(1), "connect", "load", "8", index=2))
+    'load 2 at node 8 connects'
+    """
+    what = f"{event.part} {event.target}" if event.index is None else str(event.switched)
+    if event.action == "load":
+        return f"{what} changes: {', '.join(key for key, _ in event.coefficients)}"
+    if event.reference_volt is not None:
+        d, q = (approximate(x) for x in event.reference_volt)
+        return f"{what} gets another reference: {d} V, {q} V"
+    if event.controller is not None:
+        return f"{what} gets another controller: {event.controller}"
+    return f"{what} {event.action}s{', its filter discharged' if event.discharged else ''}"
+
+
+def _event_to_dict(event: Event) -> dict[str, Any]:
+    """An event for machines: what it sets as the spec has it, but of the coefficients of a load only the names."""
+    entry: dict[str, Any] = {"at": str(event.at_second), "action": event.action, "part": event.part}
+    entry["target"] = event.target
+    if event.index is not None:
+        entry["index"] = event.index
+    if event.part == "DGU" and event.action == "connect":
+        entry["filter"] = "discharged" if event.discharged else "synchronised"
+    if event.action == "load":
+        entry["set"] = sorted(key for key, _ in event.coefficients)
+    elif event.reference_volt is not None:
+        entry["set"] = [str(x) for x in event.reference_volt]
+    elif event.controller is not None:
+        entry["set"] = event.controller
+    return entry
 
 
 def _render_jump(jump: Jump) -> str:
@@ -180,17 +214,12 @@ def scenario_to_dict(
     phases = []
     for entry, (spec, certificate) in zip(proved, names, strict=True):
         phase = entry.phase
-        events = [
-            {"at": str(event.at_second), "action": event.action, "part": event.part, "target": event.target}
-            | ({"set": sorted(key for key, _ in event.coefficients)} if event.action == "load" else {})
-            for event in phase.events
-        ]
         phases.append(
             {
                 "number": phase.number,
                 "start": str(phase.start_second),
                 "end": str(phase.end_second),
-                "events": events,
+                "events": [_event_to_dict(event) for event in phase.events],
                 "off": list(phase.off),
                 "spec": None if options.output is None else spec,
                 "certificate": None if options.output is None else certificate,

@@ -23,7 +23,8 @@ POINTS = 12  # of a window, both ends included
 QUADRATURE = 40
 SWEEPS = 12
 SETTLED = 0.05  # of the tolerance: a change from one sweep to the next with which they end
-DEEPEST = 60  # the shortest window is the span by two to this
+HONEST = 8.0  # how many times the error the estimate of it may be: measured
+DEEPEST = 44  # the shortest window is the span by two to this
 FIRST = 8.0  # |lambda h| of the fastest mode in the first window
 SMALL = 24.0  # |lambda h| up to which weights come from quadrature; beyond, from a polynomial solution
 SMOOTH = 4.0  # |lambda h| up to which a mode is interpolated between the points of a window
@@ -116,6 +117,7 @@ class Modes:
         self.shapes = numpy.where(self.values.imag > 0, 2.0, 1.0) * vectors[:, keep]
         self.left = left[keep]
         self.shapes_real = numpy.ascontiguousarray(_as_real(self.shapes).T)  # (2 m, n), from interleaved parts
+        self.sizes = numpy.abs(self.shapes)
         self.seen_real = numpy.ascontiguousarray(_as_real(plant.S @ self.shapes).T)
         self.entry_real = numpy.ascontiguousarray((self.left @ plant.D.toarray()).T).view(float)
         self.constant = self.left @ flow.rates(origin)
@@ -152,12 +154,16 @@ class Modes:
 
 @dataclass(frozen=True)
 class Window:
-    """The motion over a stretch of time, which may be looked at anywhere within it."""
+    """The motion over a stretch of time, which may be looked at anywhere within it.
+
+    `grown`, `values`: the modes at the points without forces and with them, `forces` these, all of shape (q, m).
+    """
 
     modes: Modes
     start: float
     length: float
-    values: Phasors  # of the modes at the points, (q, m)
+    grown: Phasors
+    values: Phasors
     forces: Phasors
 
     @property
@@ -173,21 +179,27 @@ class Window:
         """Shape (t,) of times in s to (t, m)."""
         share = (times - self.start) / self.length
         z = self.modes.values * self.length
-        rule = _rule(POINTS)
-        between = _interpolation(rule, share)
-        out = between @ self.values
+        growth = numpy.exp(share[:, None] * z)
+        between = _interpolation(_rule(POINTS), share)
+        forced = between @ (self.values - self.grown)
         rough = numpy.abs(z) > SMOOTH
-        if rough.any():
+        if rough.any():  # no polynomial, but the sum of one and of what decays from it
             _, _, R = self.modes.level(self.length)
             steady = self.length * (R[:, :, rough] * self.forces[:, rough]).sum(axis=1)
-            out[:, rough] = between @ steady + numpy.exp(share[:, None] * z[rough]) * (
-                self.values[0, rough] - steady[0]
-            )
-        return out
+            forced[:, rough] = between @ steady - growth[:, rough] * steady[0]
+        return growth * self.values[0] + forced
 
     def states(self, times: Array) -> Array:
         """Shape (t,) of times in s to (t, n)."""
         return self.modes.to_states(self.modes_at(times))
+
+    def ripple(self, rows: Array, slow: float) -> Array:
+        """How large the part of rows @ x is that turns faster than `slow` in rad a window. Shape (g, n) to (g,)."""
+        fast = numpy.abs(self.modes.values.imag) * self.length > slow
+        if not fast.any():
+            return numpy.zeros(len(rows))
+        largest = numpy.abs(self.values[:, fast]).max(axis=0)
+        return numpy.abs(rows @ self.modes.shapes[:, fast]) @ largest
 
 
 def _interpolation(rule: _Rule, share: Array) -> Array:
@@ -203,22 +215,18 @@ def _interpolation(rule: _Rule, share: Array) -> Array:
 
 
 class Exponential:
-    """Advances a flow from a state, window by window, over a span of time in s.
+    """Advances a flow from a state at time 0, window by window, all of lengths `unit` 2^-k in s.
 
     `tolerance` bounds the error that a window adds, as a share of the weights given with it.
     """
 
-    def __init__(self, modes: Modes, x: Array, span: float, tolerance: float) -> None:
-        self.modes, self.span, self.tolerance = modes, span, tolerance
-        self.y = modes.to_modes(x)
+    def __init__(self, modes: Modes, x: Array, unit: float, tolerance: float) -> None:
+        self.modes, self.unit, self.tolerance = modes, unit, tolerance
+        self.y, self.time = modes.to_modes(x), 0.0
         fastest = float(numpy.abs(modes.values).max(initial=0.0))
-        self.depth = max(0, min(DEEPEST, int(numpy.ceil(numpy.log2(max(1.0, fastest * span / FIRST))))))
-        self.position = 0  # in units of span / 2^DEEPEST
+        self.depth = max(0, min(DEEPEST, int(numpy.ceil(numpy.log2(max(1.0, fastest * unit / FIRST))))))
         self.rejected = 0
-
-    @property
-    def done(self) -> bool:
-        return self.position >= 1 << DEEPEST
+        self.last: Window | None = None
 
     def advance(self, weights: Array) -> Window:
         """The next window, of an error within the tolerance for states of these sizes, (n,).
@@ -226,24 +234,28 @@ class Exponential:
         Raises: FloatingPointError if the motion cannot be followed, because it grows beyond all bounds.
         """
         while self.depth <= DEEPEST:
-            h, unit = self.span / 2**self.depth, 1 << (DEEPEST - self.depth)
-            window, error = self._attempt(h, weights)
+            window, error = self._attempt(self.unit / 2**self.depth, weights)
             if window is not None and error <= 1:
-                self.position += unit
-                self.y = window.values[-1]
+                self.y, self.time, self.last = window.values[-1], window.end, window
                 # twice the length makes the error of the highest degrees 2^POINTS times as large
-                if error < 2.0 ** (2 - POINTS) * 16 and self.depth and self.position % (2 * unit) == 0:
+                if error < 2.0 ** (2 - POINTS) * 16 and self.depth:
                     self.depth -= 1
                 return window
             self.rejected += 1
             self.depth += 1
         raise FloatingPointError("no window is short enough")
 
+    def shorten(self) -> None:
+        """Go back to the start of the last window; the next one will be half as long."""
+        if self.last is not None:
+            self.y, self.time = self.last.values[0], self.last.start
+            self.depth = round(float(numpy.log2(self.unit / self.last.length))) + 1
+            self.rejected += 1
+
     def _attempt(self, h: float, weights: Array) -> tuple[Window | None, float]:
         """A window of one length, None if the sweeps do not settle, and its error as a share of the tolerance."""
         modes = self.modes
         E, W, _ = modes.level(h)
-        start = self.span * (self.position / (1 << DEEPEST))
         grown = E * self.y
         values, previous = grown, numpy.inf
 
@@ -258,8 +270,10 @@ class Exponential:
             if not change < 1e3 * previous:  # it grows, or is no number
                 return None, numpy.inf
             if change <= SETTLED:
-                high = _rule(POINTS).high @ forces
-                return Window(modes, start, h, values, forces), size(h * (W[-1] * high).sum(axis=0))
+                # sizes are added up: what is left out is like the highest degrees in size, and not in its signs
+                left_out = h * (numpy.abs(W[-1]) * numpy.abs(_rule(POINTS).high @ forces)).sum(axis=0)
+                error = float((modes.sizes @ left_out / weights).max(initial=0.0)) / (HONEST * self.tolerance)
+                return Window(modes, self.time, h, grown, values, forces), error
             previous = change
         return None, numpy.inf
 

@@ -13,6 +13,7 @@ from certify.simulate.plant import Array, Plant
 
 NEWTON_STEPS = 40
 HALVINGS = 30
+ROUNDS = 20  # of choosing anew which inverters are at their limits
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,21 @@ def flow_at(plant: Plant, x: Array) -> Flow:
     """The flow that the limits select in a state."""
     u = plant.asked(x)
     return Flow(plant, numpy.where(u > plant.limits, 1.0, numpy.where(u < -plant.limits, -1.0, 0.0)))
+
+
+def find_held_rest(plant: Plant, guess: Array) -> Array | None:
+    """An equilibrium with inverters at their limits where it asks for more, or None if none is found."""
+    flow, x = Flow(plant, numpy.zeros(len(plant.limits))), guess
+    for _ in range(ROUNDS):
+        found = find_rest(flow, x)
+        if found is None:
+            return None
+        x = found
+        new = flow_at(plant, x)
+        if numpy.array_equal(new.held, flow.held):
+            return x
+        flow = new
+    return None
 
 
 def find_rest(flow: Flow, guess: Array, accuracy: float = 1e-13) -> Array | None:

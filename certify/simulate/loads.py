@@ -15,22 +15,24 @@ Array = NDArray[numpy.floating[Any]]
 Phasors = NDArray[numpy.complex128]
 Polynomial = list[tuple[int, int, float]]  # i, j, c of c Vd^i Vq^j
 Table = tuple[Any, Phasors, Array]
+FLOOR = 0.01  # of the upper end of the band: where a load without a cut-off becomes an impedance in simulations
 
 
 class StaticLoads:
     """The static loads at some nodes, added up at each: currents in ampere of voltages in volt, and their slopes.
 
     `zips` and `exps` are layers: each has one load at most of a node, as positions of nodes, complex coefficients and
-    real ones. Below its cut-off a load is the impedance that it is there. Currents given by formulas of Vd and Vq are
-    beside them.
+    real ones. Below its cut-off a load is the impedance that it is there; one without a cut-off has that at `FLOOR`,
+    because a constant power has no meaning at no voltage. Currents given by formulas of Vd and Vq are beside them.
     """
 
     def __init__(self, nodes: Sequence[Node]) -> None:
         self.size = len(nodes)
         loads = [[x for x in node.loads if isinstance(x, ZipLoad)] for node in nodes]
         others = [[x for x in node.loads if isinstance(x, ExpLoad)] for node in nodes]
-        self.zips: tuple[Table, ...] = tuple(_zip_table(layer) for layer in _layers(loads))
-        self.exps: tuple[Table, ...] = tuple(_exp_table(layer) for layer in _layers(others))
+        lows = [FLOOR * float(node.band_volt[1]) if node.band_volt else 0.0 for node in nodes]
+        self.zips: tuple[Table, ...] = tuple(_zip_table(layer) for layer in _layers(loads, lows))
+        self.exps: tuple[Table, ...] = tuple(_exp_table(layer) for layer in _layers(others, lows))
         self.formulas = [(k, _polynomials(node)) for k, node in enumerate(nodes) if node.current]
 
     def currents(self, V: Phasors) -> Phasors:
@@ -48,17 +50,18 @@ class StaticLoads:
     def slopes(self, V: Phasors) -> Array:
         """d (I_d, I_q) / d (V_d, V_q) at each node, in siemens. Shape (k,) to (k, 2, 2).
 
-        I = Y(v) V, so dI = Y dV + Y'(v) V <V, dV> / v. At a cut-off it is that from above.
+        I = Y(v) V, so dI = Y dV + Y'(v) V <V, dV> / v. At a cut-off it is that from above, at no voltage zero.
         """
         Y, steep = numpy.zeros((2, self.size), dtype=complex)
         v = abs(V)
         for at, (Y0, I0, P), (cutoff,) in ((at, loads.T, low.T) for at, loads, low in self.zips):
             u, above = _clipped(v[at], cutoff)
-            Y[at] += Y0 + (I0 + P / u) / u
+            Y[at] += numpy.where(u < numpy.inf, Y0 + (I0 + P / u) / u, 0)
             steep[at] += numpy.where(above, -(I0 + 2 * P / u) / u**2, 0)
         for at, (P0, Q0), (V0, np_, nq, cutoff) in ((at, loads.T, numbers.T) for at, loads, numbers in self.exps):
             u, above = _clipped(v[at], cutoff)
-            P, Q = P0 * (u / V0) ** np_ / u**2, Q0 * (u / V0) ** nq / u**2
+            there = numpy.where(u < numpy.inf, u, V0)
+            P, Q = (numpy.where(u < numpy.inf, x * (there / V0) ** n / there**2, 0) for x, n in ((P0, np_), (Q0, nq)))
             Y[at] += P + Q
             steep[at] += numpy.where(above, ((np_ - 2) * P + (nq - 2) * Q) / u, 0)
         safe = numpy.where(v > 0, v, 1)
@@ -91,27 +94,29 @@ def add_exps(V: Phasors, at: Any, loads: Phasors, numbers: Array, total: Phasors
 
 
 def _clipped(v: Array, cutoff: Array) -> tuple[Array, NDArray[numpy.bool_]]:
-    """The voltage at which the admittance of a load is taken, and whether that is its own and not the cut-off."""
+    """The voltage at which the admittance of a load is taken, infinite for none; and whether that is its own."""
     u = numpy.maximum(v, cutoff)
     return numpy.where(u > 0, u, numpy.inf), (v >= cutoff) & (v > 0)
 
 
-def _layers(loads: Sequence[Sequence[Any]]) -> list[list[tuple[int, Any]]]:
-    """The first loads of all nodes, the second ones, and so on, each with the position of its node."""
+def _layers(loads: Sequence[Sequence[Any]], lows: Sequence[float]) -> list[list[tuple[int, Any, float]]]:
+    """The first loads of all nodes, the second ones, and so on, each with the position of its node and its cut-off."""
     depth = max(map(len, loads), default=0)
-    return [[(k, own[n]) for k, own in enumerate(loads) if len(own) > n] for n in range(depth)]
+    return [
+        [(k, own[n], float(own[n].cutoff_volt or lows[k])) for k, own in enumerate(loads) if len(own) > n]
+        for n in range(depth)
+    ]
 
 
-def _zip_table(layer: list[tuple[int, Any]]) -> Table:
-    rows = [[complex(float(p), -float(q)) for p, q in (x.Y, x.I, x.P)] for _, x in layer]
-    cutoff = [[float(x.cutoff_volt or 0)] for _, x in layer]
-    return numpy.array([k for k, _ in layer]), numpy.array(rows), numpy.array(cutoff)
+def _zip_table(layer: list[tuple[int, Any, float]]) -> Table:
+    rows = [[complex(float(p), -float(q)) for p, q in (x.Y, x.I, x.P)] for _, x, _ in layer]
+    return numpy.array([k for k, _, _ in layer]), numpy.array(rows), numpy.array([[low] for _, _, low in layer])
 
 
-def _exp_table(layer: list[tuple[int, Any]]) -> Table:
-    rows = [[complex(float(x.P0_watt)), complex(0, -float(x.Q0_var))] for _, x in layer]
-    numbers = [[float(x.V0_volt), float(x.np), float(x.nq), float(x.cutoff_volt or 0)] for _, x in layer]
-    return numpy.array([k for k, _ in layer]), numpy.array(rows), numpy.array(numbers)
+def _exp_table(layer: list[tuple[int, Any, float]]) -> Table:
+    rows = [[complex(float(x.P0_watt)), complex(0, -float(x.Q0_var))] for _, x, _ in layer]
+    numbers = [[float(x.V0_volt), float(x.np), float(x.nq), low] for _, x, low in layer]
+    return numpy.array([k for k, _, _ in layer]), numpy.array(rows), numpy.array(numbers)
 
 
 def _polynomials(node: Node) -> tuple[Polynomial, ...]:

@@ -12,7 +12,7 @@ each complex number next to each other (`Plant.slices` has the places).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -36,6 +36,15 @@ Array = NDArray[numpy.floating[Any]]
 Phasors = NDArray[numpy.complex128]
 Law = Callable[[complex, complex, complex], complex]
 Part = tuple[str, ...]  # ("voltage", node), ("current", node), ("integrator", node), ("loop", node), ("line", name), ..
+# How parts are called, by their kind and names.
+TITLES = {
+    "voltage": "voltage at node {0}",
+    "current": "current of the DGU at node {0}",
+    "integrator": "integrator of the DGU at node {0}",
+    "line": "current in line {0}",
+    "branch": "current of R-L load {1} at node {0}",
+    "loop": "state of the loop at node {0}",
+}
 I2 = numpy.eye(2)
 J = numpy.array([[0.0, -1.0], [1.0, 0.0]])  # multiplication by j
 
@@ -62,10 +71,11 @@ class Plant:
     """x' = rates(x) for a whole microgrid, at the values of the spec (tolerances are of no account).
 
     `u` has two components for each inverter, in the order of `inverters`; `limits` is their bound in volt, infinite
-    without one. `loaded` names the nodes with static loads.
+    without one. `loaded` names the nodes with static loads. `numbers` may give other names than 0, 1, .. to the series
+    R-L loads of a node, so that they keep theirs when some are off.
     """
 
-    def __init__(self, grid: Microgrid) -> None:
+    def __init__(self, grid: Microgrid, numbers: Mapping[str, Sequence[str]] | None = None) -> None:
         self.grid, self.w0 = grid, float(grid.w0)
         self.nodes = {node.name: k for k, node in enumerate(grid.nodes)}
         self.slices: dict[Part, slice] = {}
@@ -84,15 +94,16 @@ class Plant:
                 self._place(("current", node.name), 2)
                 if inverter.rate:
                     self._place(("integrator", node.name), 2)
-        for name, loop in self.loops.items():
-            self._place(("loop", name), len(loop.F))
         # Lines, and series R-L loads, the other end of which is grounded: start, end, R + j w0 L, L.
         self.branches: dict[Part, tuple[str, str | None, complex, float]] = {}
         for line in grid.lines:
             self._add_branch(("line", line.name), line.branch, line.start, line.end)
         for node in grid.nodes:
-            for k, branch in enumerate(node.branches):
-                self._add_branch(("branch", node.name, str(k)), branch, node.name, None)
+            names = (numbers or {}).get(node.name) or [str(k) for k in range(len(node.branches))]
+            for k, branch in zip(names, node.branches, strict=True):
+                self._add_branch(("branch", node.name, k), branch, node.name, None)
+        for name, loop in self.loops.items():  # last: they may have an odd number of states
+            self._place(("loop", name), len(loop.F))
         loaded = [node for node in grid.nodes if node.has_static_load]
         self.loaded, self.loads = [node.name for node in loaded], StaticLoads(loaded)
         bounds = [inverter.limits_volt or (numpy.inf, numpy.inf) for inverter in self.inverters.values()]
@@ -190,19 +201,25 @@ class Plant:
             offsets[2 * k : 2 * k + 2] = offset
         return rows.matrix(), offsets
 
+    # Of one state, (n,), or of many, (t, n).
+
     def asked(self, x: Array) -> Array:
         """The voltages u in volt that the control laws ask for, two for each inverter."""
-        return self.K @ x + self.k
+        return (self.K @ x.T).T + self.k
+
+    def loaded_voltages(self, x: Array) -> Array:
+        """The voltages of the nodes in `loaded`, two for each, in volt."""
+        return (self.S @ x.T).T + self.s
 
     def drawn(self, x: Array) -> Array:
         """The currents of the static loads in ampere, two for each node of `loaded`."""
-        V = to_phasors(self.S @ x + self.s)
-        return to_pairs(self.loads.currents(V[None, :])[0])
+        V = self.loaded_voltages(x)
+        return to_pairs(self.loads.currents(to_phasors(numpy.atleast_2d(V)))).reshape(V.shape)
 
     def rates(self, x: Array) -> Array:
-        """dx/dt in V/s, A/s and the like. Shape (n,) to (n,)."""
+        """dx/dt in V/s, A/s and the like. Shape (n,) to (n,), or (t, n) to (t, n)."""
         applied = numpy.clip(self.asked(x), -self.limits, self.limits)
-        return self.A @ x + self.b + self.G @ applied - self.D @ self.drawn(x)
+        return (self.A @ x.T).T + self.b + (self.G @ applied.T).T - (self.D @ self.drawn(x).T).T
 
     def load_slopes(self, x: Array) -> csr_matrix:
         """The part of the Jacobian of the rates that is due to static loads, with its sign. Shape (n, n)."""
@@ -356,7 +373,7 @@ def _inverter(dgu: Dgu) -> Inverter:
         numpy.array([_pair(linear(*(complex(x) for x in e))), _pair(linear(*(1j * x for x in e)))]).T for e in unit
     )
     tracking = None
-    time = getattr(dgu, "anti_windup_second", None)
+    time = dgu.anti_windup_second
     if time is not None and rate:
         # T K13 v' = .. + sat(u) - u; xi = -v has the sign of its own gain in `gains`
         tracking = numpy.linalg.inv(gains[2]) / float(time)

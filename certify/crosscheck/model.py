@@ -1,0 +1,142 @@
+"""The simulator's Jacobian by finite differences against the kernel's matrices, and its rest against the proved one."""
+
+from __future__ import annotations
+
+import numpy
+
+from certify.crosscheck.claimed import Claimed
+from certify.crosscheck.findings import Finding
+from certify.simulate.flow import Flow, find_rest
+from certify.simulate.motion import natural_sizes
+from certify.simulate.plant import Array, Plant
+from certify.simulate.starts import flat_state
+
+DENSE_STATES = 500  # up to which every entry of the Jacobian is compared on its own
+PROBES = 3  # random directions for each kind of state beyond that
+STEP = 1e-4  # of the size of a state
+SAME = 1e-5  # of an entry: what the curvature of loads leaves of a difference
+ROUNDING = 1e-13  # of the sum of all terms of a rate: what subtraction leaves
+AT_REST = 1e-8  # of the size of a state
+MODES = ("d", "q", "dq")
+SHOWN_MODES = 40  # DGUs the modes of which are compared
+
+
+def find_reference(claimed: Claimed) -> Array | None:
+    """The simulator's own equilibrium, without limits: from a flat start, or if that fails from the proved voltages."""
+    plant = claimed.plant
+    x = flat_state(plant)
+    found = find_rest(_free(plant), x)
+    if found is None:
+        for rest in claimed.rests.values():
+            for name, V in rest.voltages.items():
+                if ("voltage", name) in plant.slices:
+                    x[plant.slices["voltage", name]] = V.real, V.imag
+        found = find_rest(_free(plant), x)
+    return found
+
+
+def _free(plant: Plant) -> Flow:
+    return Flow(plant, numpy.zeros(len(plant.limits)))
+
+
+def differences(flow: Flow, x: Array, directions: Array) -> Array:
+    """Central differences of the rates along directions, (n, k) to the same."""
+    return numpy.stack([(flow.rates(x + e) - flow.rates(x - e)) / 2 for e in directions.T], axis=1)
+
+
+def compare_model(claimed: Claimed, x: Array, seed: int = 1) -> list[Finding]:
+    """Every subsystem's rows of the Jacobian at a state, as far as they may differ; the network's are all of them.
+
+    Figures are shares: of an entry, or of the sum of a row's in a random direction.
+    """
+    plant = claimed.plant
+    flow, sizes = _free(plant), natural_sizes(plant, x)
+    network = claimed.network({name: plant.voltage(x, name) for name in plant.loaded})
+    rounding = ROUNDING * (abs(flow.A) @ numpy.abs(x) + numpy.abs(flow.b) + abs(plant.D) @ numpy.abs(plant.drawn(x)))
+    if plant.size <= DENSE_STATES:
+        directions = numpy.diag(STEP * sizes)
+    else:
+        directions = _probes(plant, STEP * sizes, seed)
+    found = differences(flow, x, directions)
+    expected = network @ directions
+    scale = abs(network) @ numpy.abs(directions)
+    rows = _shares(found - expected, scale, rounding[:, None]).max(axis=1)
+    findings = [Finding("model", part.name, float(rows[part.at].max()), SAME) for part in claimed.parts.values()]
+    return [*findings, *_compare_modes(claimed, x, sizes)]
+
+
+def _shares(off: Array, scale: Array, rounding: Array) -> Array:
+    """Differences as shares of an entry, and of what rounding alone may be worth of one."""
+    size = scale + rounding / SAME
+    return numpy.abs(off) / numpy.where(size > 0, size, 1.0)
+
+
+def _probes(plant: Plant, steps: Array, seed: int) -> Array:
+    """Random directions, each in one kind of state only."""
+    rng = numpy.random.default_rng(seed)
+    kinds: dict[str, Array] = {}
+    for part, at in plant.slices.items():
+        kinds.setdefault(part[0], numpy.zeros(plant.size))[at] = 1.0
+    signs = [rng.choice((-1.0, 1.0), plant.size) * rng.uniform(0.5, 1.5, plant.size) for _ in range(PROBES)]
+    return numpy.stack([mask * sign * steps for mask in kinds.values() for sign in signs], axis=1)
+
+
+def _compare_modes(claimed: Claimed, x: Array, sizes: Array) -> list[Finding]:
+    """F of each DGU with some axes held at their limits, against the flow in which they are."""
+    plant, findings = claimed.plant, []
+    names = list(plant.inverters)
+    limited = [name for name in names if numpy.isfinite(plant.limits[2 * names.index(name)])][:SHOWN_MODES]
+    for axes in MODES if limited else ():
+        held = numpy.zeros(len(plant.limits))
+        for name in limited:
+            for axis in axes:
+                held[2 * names.index(name) + "dq".index(axis)] = 1.0
+        flow = Flow(plant, held)
+        for name in limited:
+            at, sign = claimed.places((name, axes))
+            directions = numpy.zeros((plant.size, len(at)))
+            directions[at, numpy.arange(len(at))] = STEP * sizes[at]
+            port = claimed.context.port((name, axes))
+            F = numpy.array([[float(v) for v in row] for row in port.F])
+            if name in plant.loaded:  # what the load at the node adds is not part of the port
+                B, C = (numpy.array([[float(v) for v in row] for row in a]) for a in (port.B, port.C))
+                F = F - B @ claimed.load_slope(name, plant.voltage(x, name)) @ C
+            expected = sign[:, None] * F * sign[None, :] * (STEP * sizes[at])
+            found = differences(flow, x, directions)[at]
+            rounding = ROUNDING * (abs(flow.A[at]) @ numpy.abs(x) + numpy.abs(flow.b[at]))[:, None]
+            share = _shares(found - expected, numpy.abs(expected), rounding)
+            findings.append(Finding("model", f"mode/{name}/{axes}", float(share.max()), SAME))
+    return findings
+
+
+def compare_rest(claimed: Claimed, x: Array | None) -> list[Finding]:
+    """Each proved equilibrium against the simulator's own, `x`: voltages, currents, and what inverters are asked for.
+
+    Figures are shares of the size of a state; one is no number where the simulator has found no equilibrium.
+    """
+    plant, findings = claimed.plant, []
+    if x is None:
+        return [Finding("equilibrium", first, float("nan"), AT_REST) for first in claimed.rests]
+    sizes = natural_sizes(plant, x)
+    for first, rest in claimed.rests.items():
+        radius = rest.radius / float(sizes[: 2 * len(plant.nodes)].max(initial=1.0))
+        pairs = [(plant.voltage(x, name), V, _size(plant, sizes, name)) for name, V in rest.voltages.items()]
+        for kind, values in (("line", rest.lines), ("current", rest.inverters)):
+            at = {name: plant.slices[kind, name] for name in values}
+            pairs += [(complex(*x[at[name]]), value, float(sizes[at[name]].max())) for name, value in values.items()]
+        asked = dict(zip(plant.inverters, plant.asked(x).reshape(-1, 2), strict=True))
+        pairs += [
+            (complex(*asked[name]), u, max(abs(u), _size(plant, sizes, name)))
+            for name, u in rest.terminals.items()
+            if name in asked
+        ]
+        off = max(abs(a - b) / size for a, b, size in pairs)
+        findings.append(Finding("equilibrium", first, off, AT_REST + radius))
+    return findings
+
+
+def _size(plant: Plant, sizes: Array, name: str) -> float:
+    """The size of a node's voltage, in volt."""
+    if name in plant.loops:
+        return float(numpy.linalg.norm(plant.loops[name].reference))
+    return float(sizes[plant.slices["voltage", name]].max())

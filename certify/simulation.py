@@ -1,0 +1,244 @@
+"""Simulating a spec: its scenario, phase by phase, from a start, with everything that happens on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy
+
+from certify.inputs import decode_all
+from certify.kernel.claims import to_text
+from certify.kernel.errors import Fault, SpecError
+from certify.kernel.reader import read_document
+from certify.kernel.spec import Microgrid, decode
+from certify.phases import Phase, read_phases
+from certify.simulate.motion import Diverged, Follower, Piece
+from certify.simulate.plant import TITLES, Array, Part, Plant
+from certify.simulate.resets import Switchboard, after_events
+from certify.simulate.scenario import decode_scenarios
+from certify.simulate.starts import start_state
+
+DEFAULT_END = Fraction(1)
+DEFAULT_SAMPLES = 1000
+TOLERANCE = 1e-8
+MAX_NUMBERS = 1 << 27  # of all samples together: 1 GiB
+AXES = ("d", "q")
+Progress = Callable[[float, float], None]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One phase of a simulation: its network as equations, and the state right after the events at its start."""
+
+    phase: Phase
+    plant: Plant
+    first: Array
+    follower: Follower
+
+
+@dataclass
+class Simulation:
+    """States over time, in SI; NaN where a part is off.
+
+    `times`: (t,) in s. `states`: (t, n), the columns of each part at `parts`. `diverged` says when and where the motion
+    left all bounds, if it did: the times end there. `phases` has an entry for each, as far as it was simulated: the
+    number of windows, of switchings in and out of limits, the method.
+    """
+
+    start: str
+    times: Array
+    states: Array
+    parts: Mapping[Part, slice]
+    phases: list[dict[str, Any]] = field(default_factory=list)
+    diverged: Diverged | None = None
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The name of each column of `states`."""
+        return tuple(name for part, at in self.parts.items() for name in column_names(part, at.stop - at.start))
+
+    def part(self, *part: str) -> Array:
+        """The states of one part, such as ("line", "12"). Shape (t, 2), of a linear loop (t, n)."""
+        return self.states[:, self.parts[part]]
+
+    def phasor(self, *part: str) -> Any:
+        """A part as complex numbers x_d + j x_q. Shape (t,)."""
+        pairs = self.part(*part)
+        return pairs[:, 0] + 1j * pairs[:, 1]
+
+
+def column_names(part: Part, size: int) -> tuple[str, ...]:
+    """How the states of a part are called, such as "voltage at node 1, d"."""
+    title = TITLES[part[0]].format(*part[1:])
+    return tuple(f"{title}, {AXES[k] if part[0] != 'loop' else k}" for k in range(size))
+
+
+class Course:
+    """A scenario of a spec made ready for simulation; without a scenario, one phase of `end_second`.
+
+    `parts` are the places of all states that there ever are, with everything on. Raises: SpecError.
+    """
+
+    def __init__(self, spec: bytes, scenario: str | None = None, end_second: Fraction | None = None) -> None:
+        self.whole: Microgrid = decode_all(spec)
+        document = read_document(spec)
+        self.start = "flat"
+        if scenario is None:
+            self.phases: tuple[Phase, ...] = (Phase(1, Fraction(0), end_second or DEFAULT_END, (), (), spec),)
+        else:
+            self.phases = read_phases(spec, scenario)
+            self.start = decode_scenarios(document)[scenario].start
+        if end_second is not None:
+            self.phases = _until(self.phases, end_second)
+        self.end = float(self.phases[-1].end_second)
+        # which of the loads in the list of a node are series R-L loads
+        self._branches = {
+            name: [k for k, load in enumerate(node.get("load", [])) if load["kind"] == "rl"]
+            for name, node in document["node"].items()
+        }
+        self.parts: dict[Part, slice] = {}
+        size = 0
+        for part, at in Plant(self.whole).slices.items():
+            for own in [part] if part[0] != "loop" else [("voltage", part[1]), part]:
+                width = 2 if own[0] == "voltage" else at.stop - at.start
+                self.parts[own] = slice(size, size + width)
+                size += width
+        self.size = size
+
+    def plant(self, phase: Phase) -> Plant:
+        """The equations of a phase. R-L loads are numbered as if all of them were on."""
+        off = {(target.name, target.index) for target in phase.gone if target.part == "load"}
+        names = {
+            name: tuple(str(n) for n, k in enumerate(where) if (name, k) not in off)
+            for name, where in self._branches.items()
+            if where
+        }
+        return Plant(decode(phase.spec), names)
+
+    def motion(self, x: Array | None, tolerance: float, method: str | None = None) -> Iterator[tuple[Stage, Piece]]:
+        """The motion from a state of the first phase, or from the start. Raises: Diverged, SpecError."""
+        stage: Stage | None = None
+        for phase in self.phases:
+            plant = self.plant(phase)
+            if x is None:
+                x = self.begin(plant, self.start)
+            elif stage is not None:
+                board = Switchboard(self.whole, stage.phase.gone, self._branches)
+                x = after_events(board, stage.plant, plant, phase.events, x)
+            stage = Stage(phase, plant, x, Follower(plant, x, tolerance, method))
+            for piece in stage.follower.pieces(x, float(phase.start_second), float(phase.end_second)):
+                yield stage, piece
+                x = piece.last
+
+    def begin(self, plant: Plant, start: str) -> Array:
+        """A state to start from. Raises: SpecError U005 if there is no equilibrium to start from."""
+        first = start_state(plant, start)
+        if first is None:
+            message = "no equilibrium inside the limits of the inverters was found; start from flat or zero"
+            raise SpecError((Fault("U005", "--start", message),))
+        return first
+
+    def spread(self, plant: Plant, states: Array) -> Array:
+        """States of a phase in the columns of the whole, NaN where a part is off. Shape (t, n) to (t, size)."""
+        out = numpy.full((len(states), self.size), numpy.nan)
+        for part, at in plant.slices.items():
+            out[:, self.parts[part]] = states[:, at]
+        for name, loop in plant.loops.items():
+            out[:, self.parts["voltage", name]] = states[:, plant.slices["loop", name]] @ loop.C.T + loop.reference
+        return out
+
+    def gather(self, plant: Plant, state: Array) -> Array:
+        """The reverse of `spread` for one state: what a plant needs of it. Shape (size,) to (n,)."""
+        x = numpy.empty(plant.size)
+        for part, at in plant.slices.items():
+            x[at] = state[self.parts[part]]
+        return x
+
+
+def _until(phases: tuple[Phase, ...], end: Fraction) -> tuple[Phase, ...]:
+    """The phases up to a time in s. Raises: SpecError U005 if that is after their end."""
+    if end > phases[-1].end_second:
+        message = f"{to_text(end)} s is after the end of the scenario, {to_text(phases[-1].end_second)} s"
+        raise SpecError((Fault("U005", "--end", message),))
+    kept = [phase for phase in phases if phase.start_second < end]
+    return (*kept[:-1], replace(kept[-1], end_second=end))
+
+
+def sample_times(course: Course, count: int) -> Array:
+    """`count` times after the start, evenly spaced up to the end, and those of the events. Shape (t,)."""
+    starts = [float(phase.start_second) for phase in course.phases]
+    return numpy.unique(numpy.concatenate([numpy.linspace(0.0, course.end, count + 1), starts]))
+
+
+def simulate(
+    spec: bytes,
+    scenario: str | None = None,
+    *,
+    end: Fraction | None = None,
+    start: str | Array | None = None,
+    samples: int | Array = DEFAULT_SAMPLES,
+    tolerance: float = TOLERANCE,
+    method: str | None = None,
+    progress: Progress | None = None,
+) -> Simulation:
+    """Simulate a scenario of a spec, or without one the spec as it is for `end` seconds (default 1).
+
+    `start`: "flat", "zero" or "equilibrium" (default: that of the scenario, or "flat"), or a state in the columns of
+    `Course.parts`, in SI. `samples`: how many after the start, or the times in s themselves. `tolerance`: what each
+    step may add to the error of a state, as a share of the largest size it has had. `method`: "exponential" or
+    "collocation"; by default the first for small networks.
+    Raises: SpecError for bad input. A motion that leaves all bounds is no error: see `Simulation.diverged`.
+    """
+    course = Course(spec, scenario, end)
+    times = sample_times(course, samples) if isinstance(samples, int) else numpy.asarray(samples, dtype=float)
+    if len(times) * course.size > MAX_NUMBERS:
+        message = f"{len(times)} samples of {course.size} states are more than {MAX_NUMBERS} numbers; take fewer"
+        raise SpecError((Fault("U005", "--samples", message),))
+    x = None
+    if isinstance(start, str):
+        course.start = start
+    elif start is not None:
+        if numpy.shape(start) != (course.size,):
+            message = f"a state of {numpy.size(start)} numbers, where {course.size} are expected"
+            raise SpecError((Fault("U005", "--start", message),))
+        x = course.gather(course.plant(course.phases[0]), numpy.asarray(start, dtype=float))
+    states = numpy.full((len(times), course.size), numpy.nan)
+    result = Simulation(course.start if x is None else "given", times, states, course.parts)
+    done = 0
+    last: tuple[Stage, Piece] | None = None
+    try:
+        for stage, piece in course.motion(x, tolerance, method):
+            until = int(numpy.searchsorted(times, piece.end, "left"))
+            if until > done:
+                states[done:until] = course.spread(stage.plant, piece.states(times[done:until]))
+                done = until
+            if last is None or last[0] is not stage:
+                result.phases.append({})
+            last = stage, piece
+            result.phases[-1] = summary(stage)
+            if progress:
+                progress(piece.end, course.end)
+    except Diverged as error:
+        result.diverged = error
+    if last and result.diverged is None and done < len(times):
+        states[done:] = course.spread(last[0].plant, last[1].states(times[done:]))
+        done = len(times)
+    result.times, result.states = times[:done], states[:done]
+    return result
+
+
+def summary(stage: Stage) -> dict[str, Any]:
+    """How a phase was followed: its number, time and method, how many windows and switchings it took."""
+    follower, phase = stage.follower, stage.phase
+    return {
+        "number": phase.number,
+        "start": float(phase.start_second),
+        "end": float(phase.end_second),
+        "method": follower.method,
+        "windows": follower.windows,
+        "rejected": follower.rejected,
+        "switches": follower.switches,
+    }
