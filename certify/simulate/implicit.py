@@ -106,6 +106,11 @@ class Window:
         result[:, self.nodal.local] += off[:, len(self.nodal.kept) :]
         return result
 
+    def ripple(self, rows: Array, slow: float) -> Array:
+        """What of rows @ x turns faster than `slow` in rad a window: nothing that a polynomial has. (g, n) to (g,)."""
+        assert slow > len(self.rule.points)
+        return numpy.zeros(len(rows))
+
 
 @dataclass
 class _Level:
@@ -119,7 +124,7 @@ class _Level:
 
 
 class Collocation:
-    """Advances a flow from a state, window by window, over a span of time in s.
+    """Advances a flow from a state at time 0, window by window. One window ends at `span`, in s, and others beyond it.
 
     `tolerance` bounds the error that a window adds, as a share of the weights given with it.
     """
@@ -131,7 +136,7 @@ class Collocation:
         self.rejected, self.factored, self.iterations, self.windows = 0, 0, 0, 0
         self._levels: dict[int, _Level] = {}
         self._rates = flow.rates(self.x)
-        self._carried: tuple[float, Phasors] | None = None
+        self.last: Window | None = None
 
     @property
     def done(self) -> bool:
@@ -146,10 +151,11 @@ class Collocation:
             self.units = self._first(weights)
         while self.units >= 1:
             left = UNITS - self.position
-            units = left if left <= 1.01 * self.units else self.units
+            units = left if 0 < left <= 1.01 * self.units else self.units
             window, error, ratio = self._attempt(units, weights)
             if window is not None and error <= 1:
-                self._take(window, units)
+                self._take(window.last, units)
+                self.last = window
                 self._lengthen(units, ratio)
                 return window
             self.rejected += 1
@@ -165,10 +171,19 @@ class Collocation:
         fraction = 1 / max(1.0, self.span * max(slope, numpy.sqrt(bend)))
         return min(UNITS, _rounded(UNITS * fraction))
 
-    def _take(self, window: Window, units: int) -> None:
-        self.x, self.position = window.last, self.position + units
-        self._rates = self.flow.rates(self.x)
-        self.windows += 1
+    def shorten(self) -> None:
+        """Go back to the start of the last window; the next one will be half as long."""
+        if self.last is not None:
+            units = round(self.last.length / self.span * UNITS)
+            self._take(self.last.first, -units)
+            self.units = max(1, _rounded(units / 2))
+            self.rejected += 1
+            self.last = None
+
+    def _take(self, x: Array, units: int) -> None:
+        self.x, self.position = x, self.position + units
+        self._rates = self.flow.rates(x)
+        self.windows += 1 if units > 0 else -1
 
     def _lengthen(self, units: int, ratio: float) -> None:
         """Longer windows cost new factors: by less than two only after some windows of a length."""
