@@ -119,6 +119,8 @@ class _Level:
     loads: Loads
     systems: list[Shifted]
     gain: float = numpy.inf  # of the iteration: a change of states to its estimate from the loads' change
+    rate: float = numpy.inf  # of the iteration: an estimate to that before it
+    stale: bool = False
     used: int = 0
     error: float = 1.0  # of the last window, as a share of the tolerance
 
@@ -216,45 +218,49 @@ class Collocation:
         except (RuntimeError, numpy.linalg.LinAlgError) as error:  # singular, or not finite
             raise FloatingPointError("the equations of a window are singular") from error
         h, rule, nodal = self.span * (units / UNITS), self.rule, self.nodal
-        kept, local = nodal.kept, nodal.local
-        x, f, w = self.x[kept], self._rates, weights[kept] * self.tolerance
-        f_kept, f_local = f[kept], f[local]
-        V = nodal.voltages(x[None, :])
-        exact = level.used % EVERY == EVERY - 1 and level.error < 2 * SETTLED
+        f_kept, f_local, w = self._rates[nodal.kept], self._rates[nodal.local], weights[nodal.kept] * self.tolerance
+        V = nodal.voltages(self.x[None, nodal.kept])
+        exact = level.used % EVERY == EVERY - 1 and (level.error < 2 * SETTLED or level.used == EVERY - 1)
         settled = SETTLED * (EXACT if exact else 1.0)
         level.used += 1
         start = level.loads.remainder(V)
-        forces = numpy.zeros((len(rule.points), V.shape[1]), dtype=complex)
-        reach = w * numpy.abs(level.systems[0].diagonal)
+        seen, pushes = nodal.seen(w), nodal.pushes(w * numpy.abs(level.systems[0].diagonal))
         constants = [a * f_kept + s.gathering @ (a * f_local) for a, s in zip(rule.entry, level.systems, strict=True)]
         W = numpy.array([s.nodes(_real(r, s)) for r, s in zip(constants, level.systems, strict=True)])
-        before = numpy.inf
+        moved = _combined(rule.forward, nodal.read(W))
+        stages = V.view(float) + moved
+        forces = numpy.zeros_like(moved)
+        before = old = numpy.inf
         for count in range(ITERATIONS):
-            stages = x + _combined(rule.forward, W)
-            new = level.loads.remainder(nodal.voltages(stages)) - start
-            drawn = nodal.D @ (new - forces).view(float).T  # (p, s)
+            new = (level.loads.remainder(stages.view(complex)) - start).view(float)
+            drawn = new - forces
             forces = new
-            expected = float((numpy.abs(drawn).max(axis=1, initial=0.0) / reach).max(initial=0.0))
+            expected = float((numpy.abs(drawn).max(axis=0, initial=0.0) * pushes).max(initial=0.0))
             if not numpy.isfinite(expected):
                 break
-            if expected == 0 or expected * level.gain <= settled:
-                # a load that meets its cut-off bends within a window, and its slope at the start knows nothing of that
-                bent = numpy.abs(nodal.D @ (rule.high @ forces.view(float)).T).sum(axis=1) / reach
-                bend = float(bent.max(initial=0.0)) * (level.gain if level.gain < numpy.inf else 1.0)
-                return self._finish(level, h, W, weights, bend)
-            self.iterations += 1
-            pushed = _mixed(-rule.back, drawn.T)
-            steps = [s.nodes(_real(r, s)) for r, s in zip(pushed, level.systems, strict=True)]
-            added = numpy.array(steps)
-            W = W + added
-            moved = _combined(rule.forward, added)
-            change = float((numpy.abs(moved).max(axis=0) / w).max())
-            level.gain = max(change / expected, 0.5 * level.gain if level.gain < numpy.inf else 0.0)
-            if not change < 0.5 * before:
-                break
-            before = change
-            if count >= 3:  # the slopes of the loads are of another time
-                level.used = -(10**6)
+            if old < numpy.inf:
+                level.rate = max(expected / old, 0.5 * level.rate if level.rate < numpy.inf else 0.0)
+            if expected * level.gain > settled:
+                self.iterations += 1
+                pushed = [nodal.D @ row for row in _mixed(-rule.back, drawn)]
+                added = numpy.array([s.nodes(_real(r, s)) for r, s in zip(pushed, level.systems, strict=True)])
+                W += added
+                moved = _combined(rule.forward, nodal.read(added))
+                stages += moved
+                change = float((numpy.abs(moved).max(axis=0) / seen).max())
+                level.gain = max(change / expected, 0.5 * level.gain if level.gain < numpy.inf else 0.0)
+                if not change < 0.5 * before:
+                    break
+                before, old = change, expected
+                if count >= 3:  # the slopes of the loads are of another time
+                    level.stale = True
+                # loads take as long as the systems: what they would say next is known from other windows
+                if exact or expected * level.rate * level.gain > 0.5 * settled:
+                    continue
+            # a load that meets its cut-off bends within a window, and its slope at the start knows nothing of that
+            bent = numpy.abs(rule.high @ forces).sum(axis=0) * pushes
+            bend = float(bent.max(initial=0.0)) * (level.gain if level.gain < numpy.inf else 1.0)
+            return self._finish(level, h, W, weights, bend)
         if not fresh:  # once more with slopes at the present state
             del self._levels[units]
             return self._attempt(units, weights)
@@ -285,7 +291,7 @@ class Collocation:
             return None, numpy.inf, 0.5
         start = self.span * (self.position / UNITS)
         window = Window(nodal, rule, start, h, self.x, last, waves, damped)
-        if level.used < 0:
+        if level.stale:
             self._levels = {units: kept for units, kept in self._levels.items() if kept is not level}
         return window, error, float((AIM / max(error, 1e-300)) ** (1 / (len(rule.points) + 1)))
 

@@ -58,6 +58,10 @@ class Nodal:
         self.reading, self.blocks = csr_matrix(rows[:, self.kept]), _blocks(csr_matrix(rows[:, self.local]), groups)
         self.D, self.S = csr_matrix(plant.D[self.kept]), csr_matrix(plant.S[:, self.kept])
         self.s = plant.s
+        columns = csc_matrix(abs(self.D))
+        self._pushed = columns.indices, columns.data, columns.indptr[:-1]
+        ones = self.S.nnz == self.S.shape[0] and (self.S.data == 1).all() and (numpy.diff(self.S.indptr) == 1).all()
+        self._read = self.S.indices if ones else None  # without linear loops, voltages are states
         # the places of the blocks in a sparse matrix, and those of the matrix that is left
         widths = numpy.concatenate([numpy.empty(0, dtype=int), *(numpy.full(g.size, g.shape[1]) for g in groups)])
         self._starts = numpy.concatenate([[0], numpy.cumsum(widths)])
@@ -72,6 +76,19 @@ class Nodal:
     def voltages(self, kept: Array) -> Phasors:
         """Voltages at the nodes with static loads, from the kept states at several times. Shape (m, p) to (m, k)."""
         return to_phasors((self.S @ kept.T).T + self.s)
+
+    def read(self, waves: Numbers) -> Numbers:
+        """What kept states add to the voltages at the nodes with static loads. Shape (m, p) to (m, 2 k)."""
+        return waves[:, self._read] if self._read is not None else (self.S @ waves.T).T
+
+    def seen(self, sizes: Array) -> Array:
+        """The sizes of those voltages, from those of the kept states. Shape (p,) to (2 k,)."""
+        return abs(self.S) @ sizes
+
+    def pushes(self, sizes: Array) -> Array:
+        """By how much of their size a current of 1 A moves the rates of kept states at most. (p,) to (2 k,)."""
+        places, entries, starts = self._pushed
+        return numpy.maximum.reduceat(entries / sizes[places], starts) if len(starts) else numpy.empty(0)
 
     def loads(self, kept: Array) -> Loads:
         """The static loads with their slopes at a state, of which (p,) is kept."""
