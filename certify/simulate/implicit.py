@@ -242,7 +242,7 @@ class Collocation:
                 level.rate = max(expected / old, 0.5 * level.rate if level.rate < numpy.inf else 0.0)
             if expected * level.gain > settled:
                 self.iterations += 1
-                pushed = [nodal.D @ row for row in _mixed(-rule.back, drawn)]
+                pushed = nodal.push(_mixed(-rule.back, drawn))
                 added = numpy.array([s.nodes(_real(r, s)) for r, s in zip(pushed, level.systems, strict=True)])
                 W += added
                 moved = _combined(rule.forward, nodal.read(added))
