@@ -49,7 +49,7 @@ STEPPED = 20.0  # kW more at one node in a hundred, for a step of loads
 
 
 def joined(windows: Sequence[Any]) -> Motion:
-    """Windows one after the other as one motion."""
+    """Windows, or pieces, one after the other as one motion."""
     starts = numpy.array([window.start for window in windows])
 
     def states(times: Array) -> Array:
@@ -157,7 +157,7 @@ def cigre(beside: bool) -> dict[str, Any]:
     plant, x, span = cigre_case()
     flow, times = Flow(plant, numpy.zeros(len(plant.limits))), sampled(span, 1e-7)
     list(pieces(plant, x, 1e-3, 1e-5))  # what is compiled is compiled
-    reference = joined_pieces(list(pieces(plant, x, span, 1e-10)))
+    reference = joined(list(pieces(plant, x, span, 1e-10)))
     largest = moduli(plant, reference(times))
     ours = []
     for tolerance in OUR_TOLERANCES:
@@ -166,23 +166,13 @@ def cigre(beside: bool) -> dict[str, Any]:
             started = time.perf_counter()
             run = list(pieces(plant, x, span, tolerance))
             seconds.append(time.perf_counter() - started)
-        error = float((numpy.abs(joined_pieces(run)(times) - reference(times)) / largest).max())
+        error = float((numpy.abs(joined(run)(times) - reference(times)) / largest).max())
         ours.append((error, min(seconds), len(run)))
     theirs = []
     for tolerance in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9) if beside else ():
         taken, steps = radau(flow, x, span, tolerance, largest, True)
         theirs.append((of_steps(steps, reference, largest), taken, len(steps[0])))
     return {"compiled": COMPILED, "ours": ours, "theirs": theirs, "span": span, "states": plant.size}
-
-
-def joined_pieces(run: Sequence[Any]) -> Motion:
-    starts = numpy.array([piece.start for piece in run])
-
-    def states(times: Array) -> Array:
-        at = numpy.clip(numpy.searchsorted(starts, times, side="right") - 1, 0, len(run) - 1)
-        return numpy.concatenate([run[k].states(times[at == k]) for k in sorted(set(at))])
-
-    return states
 
 
 # --- (b), (c) large networks --------------------------------------------------------------------------------
@@ -204,7 +194,7 @@ def large_case(nodes: int, mesh: bool, start: str) -> tuple[Flow, Array]:
     return Flow(plant, numpy.zeros(len(plant.limits))), x
 
 
-def middle(mesh: bool, start: str, span: float) -> dict[str, Any]:
+def middle(beside: bool, mesh: bool, start: str, span: float) -> dict[str, Any]:
     flow, x = large_case(1000, mesh, start)
     times = sampled(span, span * 1e-5)
     list(collocated(flow, x, span / 100, 1e-4))
@@ -217,7 +207,7 @@ def middle(mesh: bool, start: str, span: float) -> dict[str, Any]:
         run = list(collocated(flow, x, span, tolerance))
         taken = time.perf_counter() - started
         ours.append((float((numpy.abs(joined(run)(times) - at_times) / largest).max()), taken, len(run)))
-    for tolerance in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8):
+    for tolerance in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8) if beside else ():
         taken, steps = radau(flow, x, span, tolerance, largest, False)
         theirs.append((of_steps(steps, reference, largest), taken, len(steps[0])))
         if taken > 40:
@@ -324,8 +314,8 @@ def main() -> None:
             (False, "step", 5e-2),
             (True, "step", 2e-2),
         ):
-            call = f"middle({mesh}, {start!r}, {span})"
-            plain, fast = apart(False, call), apart(True, call)
+            call = f"{mesh}, {start!r}, {span})"
+            plain, fast = apart(False, f"middle(True, {call}"), apart(True, f"middle(False, {call}")
             title = (
                 f"{'Mesh' if mesh else 'Tree'}, {'a flat start' if start == 'flat' else 'a step of loads'}, {span:g} s"
             )
