@@ -51,7 +51,7 @@ def test_the_simulator_agrees_with_the_oracle(case: Case) -> None:
     assert gap <= AGREEMENT, part
 
 
-@pytest.mark.parametrize("case", CASES[5:9], ids=lambda case: case.name)
+@pytest.mark.parametrize("case", CASES[5:7], ids=lambda case: case.name)
 def test_both_methods_agree(case: Case) -> None:
     one, other = (simulate(case.data, SCENARIO, samples=case.samples, method=m) for m in ("exponential", "collocation"))
     largest = numpy.nanmax(numpy.abs(one.states), axis=0)
