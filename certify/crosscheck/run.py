@@ -12,8 +12,8 @@ from certify.crosscheck.energy import Storage, Watch
 from certify.crosscheck.falsify import Attempts, Falsifier
 from certify.crosscheck.findings import Finding
 from certify.crosscheck.model import compare_model, compare_rest, find_reference
+from certify.inputs import decode_all
 from certify.kernel.check import check
-from certify.kernel.spec import decode
 from certify.phases import Phase
 from certify.simulate.motion import Piece, natural_sizes
 from certify.simulate.plant import Array, Plant
@@ -85,7 +85,7 @@ class CrossCheck:
         self.checked.append(checked)
         self._watch = None
         self._storages.append(None)
-        plant = Plant(decode(phase.spec), stage.numbers)
+        plant = Plant(decode_all(phase.spec), stage.numbers)
         claimed = Claimed(plant, certificate, verdict)
         rest = find_reference(claimed)
         checked.findings += compare_rest(claimed, rest)
