@@ -232,6 +232,7 @@ def simulate(
                 progress(piece.end, course.end)
     except Diverged as error:
         result.diverged = error
+        done = min(done, int(numpy.searchsorted(times, error.at_second, "right")))
     if last and result.diverged is None and done < len(times):
         states[done:] = course.spread(last[0].plant, last[1].states(times[done:]))
         done = len(times)
