@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy
 
+from certify.crosscheck.audit import audit_balance
 from certify.crosscheck.claimed import Claimed
 from certify.crosscheck.energy import Storage, Watch
 from certify.crosscheck.falsify import Attempts, Falsifier
@@ -98,7 +99,9 @@ class CrossCheck:
         if not storage.first:
             checked.reason = "no island has a storage function that is proved for all of its DGUs"
         self._storages[-1] = storage
-        self._watch = Watch(storage, self.tolerance, natural_sizes(plant, rest))
+        sizes = natural_sizes(plant, rest)
+        checked.findings += audit_balance(storage, stage.first, sizes)
+        self._watch = Watch(storage, self.tolerance, sizes)
 
     def _close(self) -> None:
         watch = self._watch
