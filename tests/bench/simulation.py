@@ -41,7 +41,7 @@ SAMPLES = 1000
 Array = numpy.ndarray[Any, Any]
 Motion = Callable[[Array], Array]  # times that rise, (t,), to states, (t, n)
 OUR_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
-LEVELS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # errors at which times are compared
+LEVELS = (3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # errors at which times are compared
 STEPPED = 20.0  # kW more at one node in a hundred, for a step of loads
 
 
@@ -323,6 +323,13 @@ def main() -> None:
             lines += table(plain["theirs"], {"plain": plain, "compiled": fast})
     if "large" in parts:
         lines += ["", "## 10,000 nodes and lines, 1 s at a tolerance of 1e-6", ""]
+        lines += [
+            "Errors of states smaller than a hundredth of the largest natural size of their kind are relative to that;"
+        ]
+        lines += [
+            "the reference is a run of the same integrator at 1e-8. Memory is the peak of the process, the network included.",
+            "",
+        ]
         lines += ["| start | numba | states | windows | s | of CPU, s | memory, MiB | error against 1e-8 |"]
         lines += ["| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |"]
         for start in ("step", "flat"):
