@@ -103,7 +103,7 @@ def _references(times: Array, phases: Sequence[PhaseCourse], names: Sequence[str
 
 
 def _events(phases: Sequence[PhaseCourse]) -> list[tuple[float, str]]:
-    from certify.report.simulation import event_in_words
+    from certify.report.events import event_in_words
 
     found = []
     for entry in phases:

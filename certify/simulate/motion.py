@@ -15,6 +15,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from certify.simulate.exponential import Exponential, Modes
 from certify.simulate.flow import Flow, find_rest, flow_at
+from certify.simulate.implicit import Collocation
 from certify.simulate.plant import TITLES, Array, Plant, to_phasors
 from certify.simulate.starts import flat_state
 
@@ -133,7 +134,8 @@ class Follower:
             modes = self.known[key]
             if modes.condition <= MODAL_CONDITION:
                 return Exponential(modes, x, unit, self.tolerance)
-        raise NotImplementedError
+            self.method = "collocation"  # no basis of modes, or next to none
+        return Collocation(flow, x, unit, self.tolerance)
 
     def _margins(self, flow: Flow, states: Array) -> Array:
         """How far each guarded component is from where the flow changes, in volt. Shape (t, n) to (t, g)."""
