@@ -159,7 +159,12 @@ class Claimed:
         return coo_matrix((numpy.concatenate(values), where), shape=(self.plant.size,) * 2).tocsr()
 
     def load_current(self, name: str, V: tuple[Fraction, Fraction]) -> tuple[Fraction, Fraction]:
-        """What the kernel takes the static loads of a node to draw, in ampere: the middle of its ball."""
+        """What the kernel takes the static loads of a node to draw, in ampere: the middle of its ball.
+
+        One given by its current is exact; a ball of it would need the margin of its denominator, from its proof.
+        """
+        if self.context.nodes[name].current is not None:
+            return self.context.disk(name)[0].current(V)
         drawn = equilibrium.load_current(self.context, name, ball(V))
         return Fraction(drawn.x, 1 << BITS), Fraction(drawn.y, 1 << BITS)
 
