@@ -138,7 +138,10 @@ class Claimed:
                 yield load, self.at_node(node.name), 1
 
     def network(self, voltages: dict[str, complex]) -> csr_matrix:
-        """The Jacobian of the whole network by the kernel's model, with its loads at these voltages. Shape (n, n)."""
+        """The Jacobian of the whole network by the kernel's model, with its loads at these voltages. Shape (n, n).
+
+        Of a load outside its band the kernel says nothing: its node's rows go without it.
+        """
         rows: list[Places] = []
         columns: list[Places] = []
         values: list[Array] = []
@@ -154,9 +157,15 @@ class Claimed:
             add(to, of, sign * to.B @ of.C)
         for name in self.plant.loaded:
             part = self.at_node(name)
-            add(part, part, -part.B @ self.load_slope(name, voltages[name]) @ part.C)
+            if self.speaks_of(name, voltages[name]):
+                add(part, part, -part.B @ self.load_slope(name, voltages[name]) @ part.C)
         where = (numpy.concatenate(rows), numpy.concatenate(columns))
         return coo_matrix((numpy.concatenate(values), where), shape=(self.plant.size,) * 2).tocsr()
+
+    def speaks_of(self, name: str, V: complex) -> bool:
+        """Whether the kernel says what the static loads of a node draw around a voltage: not outside their band."""
+        low, high = self.context.nodes[name].band_volt or (0, None)
+        return float(low + STEP) < abs(V) and (high is None or abs(V) < float(high - STEP))
 
     def load_current(self, name: str, V: tuple[Fraction, Fraction]) -> tuple[Fraction, Fraction]:
         """What the kernel takes the static loads of a node to draw, in ampere: the middle of its ball.

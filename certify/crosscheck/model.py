@@ -61,7 +61,11 @@ def compare_model(claimed: Claimed, x: Array, seed: int = 1) -> list[Finding]:
     expected = network @ directions
     scale = abs(network) @ numpy.abs(directions)
     rows = _shares(found - expected, scale, rounding[:, None]).max(axis=1)
-    findings = [Finding("model", part.name, float(rows[part.at].max()), SAME) for part in claimed.parts.values()]
+    silent = {
+        claimed.at_node(name).name for name in plant.loaded if not claimed.speaks_of(name, plant.voltage(x, name))
+    }
+    parts = [part for part in claimed.parts.values() if part.name not in silent]
+    findings = [Finding("model", part.name, float(rows[part.at].max()), SAME) for part in parts]
     return [*findings, *_compare_modes(claimed, x, sizes)]
 
 
@@ -93,6 +97,8 @@ def _compare_modes(claimed: Claimed, x: Array, sizes: Array) -> list[Finding]:
                 held[2 * names.index(name) + "dq".index(axis)] = 1.0
         flow = Flow(plant, held)
         for name in limited:
+            if name in plant.loaded and not claimed.speaks_of(name, plant.voltage(x, name)):
+                continue
             at, sign = claimed.places((name, axes))
             directions = numpy.zeros((plant.size, len(at)))
             directions[at, numpy.arange(len(at))] = STEP * sizes[at]
