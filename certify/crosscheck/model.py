@@ -1,6 +1,9 @@
-"""The simulator's Jacobian by finite differences against the kernel's matrices, and its rest against the proved one."""
+"""The simulator against the kernel: its Jacobian, the currents of its loads, and where it rests."""
 
 from __future__ import annotations
+
+import cmath
+from fractions import Fraction
 
 import numpy
 
@@ -19,6 +22,9 @@ ROUNDING = 1e-13  # of the sum of all terms of a rate: what subtraction leaves
 AT_REST = 1e-8  # of the size of a state
 MODES = ("d", "q", "dq")
 SHOWN_MODES = 40  # DGUs the modes of which are compared
+SAME_CURRENT = 1e-9  # of the largest current of a load at any of the voltages that are tried
+IN_BAND = (0.2, 0.8)  # where in each piece of a band loads are compared
+TURN = 2.4  # rad from one of these voltages to the next, so that they point everywhere
 
 
 def find_reference(claimed: Claimed) -> Array | None:
@@ -67,6 +73,39 @@ def compare_model(claimed: Claimed, x: Array, seed: int = 1) -> list[Finding]:
     parts = [part for part in claimed.parts.values() if part.name not in silent]
     findings = [Finding("model", part.name, float(rows[part.at].max()), SAME) for part in parts]
     return [*findings, *_compare_modes(claimed, x, sizes)]
+
+
+def compare_loads(claimed: Claimed) -> list[Finding]:
+    """The currents of static loads where the kernel speaks of them: on each piece of a band, and all over a disk.
+
+    Figures are shares of the largest current of a node.
+    """
+    plant = claimed.plant
+    if not plant.loaded:
+        return []
+    tried = [_voltages(claimed, name) for name in plant.loaded]
+    count = max(map(len, tried))
+    volts = numpy.array([[own[k % len(own)] for own in tried] for k in range(count)])
+    drawn = plant.loads.currents(volts)
+    findings = []
+    for j, name in enumerate(plant.loaded):
+        exact = [claimed.load_current(name, (Fraction(V.real), Fraction(V.imag))) for V in tried[j]]
+        expected = numpy.array([complex(float(d), float(q)) for d, q in exact])
+        size = float(numpy.abs(expected).max())
+        off = float(numpy.abs(drawn[: len(expected), j] - expected).max())
+        findings.append(Finding("model", f"load/{name}", off / size if size else off, SAME_CURRENT))
+    return findings
+
+
+def _voltages(claimed: Claimed, name: str) -> list[complex]:
+    """Where the loads of a node are compared."""
+    node = claimed.context.nodes[name]
+    if node.current is not None:
+        centre, radius = complex(*map(float, node.current.centre_volt)), float(node.current.radius_volt)
+        return [centre + radius * share * cmath.rect(1.0, TURN * k) for k, share in enumerate((*IN_BAND, *IN_BAND))]
+    bands = [(float(low), float(high)) for (low, high), _ in claimed.context.pieces(name)]
+    sizes = [low + share * (high - low) for low, high in bands for share in IN_BAND]
+    return [cmath.rect(size, TURN * k) for k, size in enumerate(sizes)]
 
 
 def _shares(off: Array, scale: Array, rounding: Array) -> Array:

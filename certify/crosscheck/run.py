@@ -11,7 +11,7 @@ from certify.crosscheck.claimed import Claimed
 from certify.crosscheck.energy import Storage, Watch
 from certify.crosscheck.falsify import Attempts, Falsifier
 from certify.crosscheck.findings import Finding
-from certify.crosscheck.model import compare_model, compare_rest, find_reference
+from certify.crosscheck.model import compare_loads, compare_model, compare_rest, find_reference
 from certify.kernel.check import check
 from certify.kernel.spec import decode
 from certify.phases import Phase
@@ -88,7 +88,7 @@ class CrossCheck:
         plant = Plant(decode(phase.spec), stage.numbers)
         claimed = Claimed(plant, certificate, verdict)
         rest = find_reference(claimed)
-        checked.findings += compare_rest(claimed, rest)
+        checked.findings += compare_loads(claimed) + compare_rest(claimed, rest)
         checked.findings += compare_model(claimed, stage.first if rest is None else rest, self.seed)
         if rest is None:
             checked.reason = "the simulator finds no equilibrium: no storage is looked at"
