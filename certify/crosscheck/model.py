@@ -9,7 +9,7 @@ import numpy
 
 from certify.crosscheck.claimed import Claimed
 from certify.crosscheck.findings import Finding
-from certify.simulate.flow import Flow, find_rest
+from certify.simulate.flow import Flow, find_rest, flow_at
 from certify.simulate.motion import natural_sizes
 from certify.simulate.plant import Array, Plant
 from certify.simulate.starts import flat_state
@@ -19,12 +19,14 @@ PROBES = 3  # random directions for each kind of state beyond that
 STEP = 1e-4  # of the size of a state
 SAME = 1e-5  # of an entry: what the curvature of loads leaves of a difference
 ROUNDING = 1e-13  # of the sum of all terms of a rate: what subtraction leaves
+SAME_RATE = 1e-12  # of the sum of all terms of a rate
 AT_REST = 1e-8  # of the size of a state
 MODES = ("d", "q", "dq")
-SHOWN_MODES = 40  # DGUs the modes of which are compared
+SHOWN_MODES = 40  # DGUs the modes and limits of which are compared
 SAME_CURRENT = 1e-9  # of the largest current of a load at any of the voltages that are tried
 IN_BAND = (0.2, 0.8)  # where in each piece of a band loads are compared
 TURN = 2.4  # rad from one of these voltages to the next, so that they point everywhere
+BEYOND = ((1.5, -1.5), (-1.5, 0.5), (0.5, 1.5), (-0.5, -1.5))  # of the limits of an inverter, d and q
 
 
 def find_reference(claimed: Claimed) -> Array | None:
@@ -63,16 +65,39 @@ def compare_model(claimed: Claimed, x: Array, seed: int = 1) -> list[Finding]:
         directions = numpy.diag(STEP * sizes)
     else:
         directions = _probes(plant, STEP * sizes, seed)
-    found = differences(flow, x, directions)
     expected = network @ directions
     scale = abs(network) @ numpy.abs(directions)
-    rows = _shares(found - expected, scale, rounding[:, None]).max(axis=1)
+    # by differences of the rates, and as the simulator itself writes it down for its steps
+    both = (differences(flow, x, directions), flow.jacobian(x) @ directions)
+    rows = numpy.max([_shares(found - expected, scale, rounding[:, None]).max(axis=1) for found in both], axis=0)
     silent = {
         claimed.at_node(name).name for name in plant.loaded if not claimed.speaks_of(name, plant.voltage(x, name))
     }
     parts = [part for part in claimed.parts.values() if part.name not in silent]
     findings = [Finding("model", part.name, float(rows[part.at].max()), SAME) for part in parts]
-    return [*findings, *_compare_modes(claimed, x, sizes)]
+    return [*findings, *_compare_modes(claimed, x, sizes), *_compare_limits(plant, x, sizes)]
+
+
+def _compare_limits(plant: Plant, x: Array, sizes: Array) -> list[Finding]:
+    """The flow that the limits select against the rates with clipped voltages, where inverters are beyond them."""
+    limited = [j for j in range(0, len(plant.limits), 2) if numpy.isfinite(plant.limits[j])][:SHOWN_MODES]
+    if not limited:
+        return []
+    asked, moves = plant.asked(x), []
+    for j in limited:
+        rows = plant.K[j : j + 2].tocsc()
+        at = numpy.flatnonzero(numpy.diff(rows.indptr))
+        moves.append((j, at, sizes[at, None] * numpy.linalg.pinv(rows[:, at].toarray() * sizes[at])))
+    found = []
+    for shares in BEYOND:
+        y = x.copy()
+        for j, at, move in moves:
+            y[at] += move @ (shares * plant.limits[j : j + 2] - asked[j : j + 2])
+        off = flow_at(plant, y).rates(y) - plant.rates(y)
+        terms = abs(plant.A) @ numpy.abs(y) + numpy.abs(plant.b) + abs(plant.D) @ numpy.abs(plant.drawn(y))
+        terms += abs(plant.G) @ (abs(plant.K) @ numpy.abs(y) + numpy.abs(plant.k))
+        found.append(_shares(off, terms, numpy.zeros_like(terms)))
+    return [Finding("model", "limits", float(numpy.max(found)), SAME_RATE)]
 
 
 def compare_loads(claimed: Claimed) -> list[Finding]:
