@@ -50,8 +50,9 @@ class Subsystem:
 class Claimed:
     """A certificate that the kernel has accepted, beside the plant of the same spec.
 
-    `parts` by name: "dgu/NODE", "node/NODE" (a node without a DGU), "line/NAME", "branch/NODE/K". `rests` and
-    `regions` are what is proved, by the first node of each island; `settling` the islands on which the storage falls.
+    `parts` by name: "dgu/NODE", "node/NODE" (a node without a DGU), "line/NAME", "branch/NODE/K". `rests`, `saturated`
+    (with inverters at their limits) and `regions` are what is proved, by the first node of each island; `settling` the
+    islands on which the storage falls.
     """
 
     def __init__(self, plant: Plant, certificate: bytes, verdict: Verdict) -> None:
@@ -62,6 +63,7 @@ class Claimed:
         proved = [claim for claim in verdict.claims if claim.status in ("proved", "conditional")]
         names = {claim.id: claim.id.partition("/")[2] for claim in proved}
         self.rests: dict[str, Rest] = {names[c.id]: read_rest(c) for c in proved if c.kind == "equilibrium"}
+        self.saturated: dict[str, Rest] = {names[c.id]: read_rest(c) for c in proved if c.kind == "saturated"}
         self.regions: dict[str, Region] = {names[c.id]: read_region(c) for c in proved if c.kind == "region"}
         self.settling = {names[c.id] for c in proved if c.kind == "invariant-set"}
         self.parts = {part.name: part for part in self._parts()}

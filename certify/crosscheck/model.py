@@ -6,9 +6,13 @@ import cmath
 from fractions import Fraction
 
 import numpy
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
 
 from certify.crosscheck.claimed import Claimed
 from certify.crosscheck.findings import Finding
+from certify.kernel.spec import ConstantVoltage
+from certify.rests import Rest
 from certify.simulate.flow import Flow, find_rest, flow_at
 from certify.simulate.motion import natural_sizes
 from certify.simulate.plant import Array, Plant
@@ -21,6 +25,7 @@ SAME = 1e-5  # of an entry: what the curvature of loads leaves of a difference
 ROUNDING = 1e-13  # of the sum of all terms of a rate: what subtraction leaves
 SAME_RATE = 1e-12  # of the sum of all terms of a rate
 AT_REST = 1e-8  # of the size of a state
+HELD_STEPS = 8
 MODES = ("d", "q", "dq")
 SHOWN_MODES = 40  # DGUs the modes and limits of which are compared
 SAME_CURRENT = 1e-9  # of the largest current of a load at any of the voltages that are tried
@@ -187,22 +192,87 @@ def compare_rest(claimed: Claimed, x: Array | None) -> list[Finding]:
     plant, findings = claimed.plant, []
     if x is None:
         return [Finding("equilibrium", first, float("nan"), AT_REST) for first in claimed.rests]
-    sizes = natural_sizes(plant, x)
     for first, rest in claimed.rests.items():
-        radius = rest.radius / float(sizes[: 2 * len(plant.nodes)].max(initial=1.0))
-        pairs = [(plant.voltage(x, name), V, _size(plant, sizes, name)) for name, V in rest.voltages.items()]
-        for kind, values in (("line", rest.lines), ("current", rest.inverters)):
-            at = {name: plant.slices[kind, name] for name in values}
-            pairs += [(complex(*x[at[name]]), value, float(sizes[at[name]].max())) for name, value in values.items()]
-        asked = dict(zip(plant.inverters, plant.asked(x).reshape(-1, 2), strict=True))
-        pairs += [
-            (complex(*asked[name]), u, max(abs(u), _size(plant, sizes, name)))
-            for name, u in rest.terminals.items()
-            if name in asked
-        ]
-        off = max(abs(a - b) / size for a, b, size in pairs)
-        findings.append(Finding("equilibrium", first, off, AT_REST + radius))
-    return findings
+        findings.append(_compare_rest(plant, first, rest, x, plant.asked(x)))
+    for first, rest in claimed.saturated.items():
+        flow = Flow(plant, _held(claimed, first))
+        held = _find_held(flow, x, rest)
+        applied = numpy.where(flow.held == 0, plant.asked(held), flow.held * numpy.where(flow.held, plant.limits, 0.0))
+        findings.append(_compare_rest(plant, f"{first}, at limits", rest, held, applied))
+    return [*findings, *_compare_state(claimed, x)]
+
+
+def _compare_rest(plant: Plant, where: str, rest: Rest, x: Array, applied: Array) -> Finding:
+    """A proved equilibrium against a state, and what inverters apply there."""
+    sizes = natural_sizes(plant, x)
+    radius = rest.radius / float(sizes[: 2 * len(plant.nodes)].max(initial=1.0))
+    volts, constant = plant.voltages
+    own = dict(zip(plant.nodes, (volts @ x + constant).reshape(-1, 2), strict=True))
+    pairs = [(complex(*own[name]), V, _size(plant, sizes, name)) for name, V in rest.voltages.items()]
+    for kind, values in (("line", rest.lines), ("current", rest.inverters)):
+        at = {name: plant.slices[kind, name] for name in values}
+        pairs += [(complex(*x[at[name]]), value, float(sizes[at[name]].max())) for name, value in values.items()]
+    asked = dict(zip(plant.inverters, applied.reshape(-1, 2), strict=True))
+    pairs += [
+        (complex(*asked[name]), u, max(abs(u), _size(plant, sizes, name)))
+        for name, u in rest.terminals.items()
+        if name in asked
+    ]
+    off = numpy.array([abs(a - b) / size for a, b, size in pairs])
+    return Finding("equilibrium", where, float(off.max()), AT_REST + radius)  # numpy's max keeps what is no number
+
+
+def _held(claimed: Claimed, first: str) -> Array:
+    """All inverters of an island that have limits at them, as their references point; without feedback none is."""
+    plant, held = claimed.plant, numpy.zeros(len(claimed.plant.limits))
+    for j, name in enumerate(plant.inverters):
+        dgu = claimed.context.nodes[name].dgu
+        if (
+            name in claimed.island(first)
+            and dgu
+            and dgu.limits_volt
+            and not isinstance(dgu.controller, ConstantVoltage)
+        ):
+            held[2 * j : 2 * j + 2] = numpy.sign([float(v) for v in dgu.reference_volt])
+    return held
+
+
+def _find_held(flow: Flow, x: Array, rest: Rest) -> Array:
+    """Where everything but integrators rests, by Newton's method from a proved equilibrium and else from a state."""
+    plant, y = flow.plant, x.copy()
+    for kind, values in (("voltage", rest.voltages), ("line", rest.lines), ("current", rest.inverters)):
+        for name, value in values.items():
+            if (kind, name) in plant.slices:
+                y[plant.slices[kind, name]] = value.real, value.imag
+    kept = numpy.ones(plant.size, dtype=bool)
+    for j, name in enumerate(plant.inverters):
+        if ("integrator", name) in plant.slices and flow.held[2 * j]:
+            kept[plant.slices["integrator", name]] = False
+    for _ in range(HELD_STEPS):
+        try:
+            step = splu(csc_matrix(flow.jacobian(y)[kept][:, kept])).solve(flow.rates(y)[kept])
+        except (RuntimeError, ValueError):  # singular, or not finite
+            return numpy.full(plant.size, numpy.nan)
+        y[kept] -= step
+    return y
+
+
+def _compare_state(claimed: Claimed, x: Array) -> list[Finding]:
+    """How far what the simulator takes for the proved equilibrium is from rest, if all of it is proved."""
+    plant, rests = claimed.plant, claimed.rests.values()
+    voltages = {name: V for rest in rests for name, V in rest.voltages.items()}
+    if voltages.keys() != plant.nodes.keys():
+        return []
+    lines = {name: current for rest in rests for name, current in rest.lines.items()}
+    inverters = {name: current for rest in rests for name, current in rest.inverters.items()}
+    flow, sizes = _free(plant), natural_sizes(plant, x)
+    try:
+        put = plant.at_rest(voltages, lines, inverters)
+        step = splu(csc_matrix(flow.jacobian(put))).solve(flow.rates(put))
+    except (numpy.linalg.LinAlgError, RuntimeError):  # an integral gain, or the whole, is singular
+        return []
+    radius = max(rest.radius for rest in rests) / float(sizes[: 2 * len(plant.nodes)].max(initial=1.0))
+    return [Finding("equilibrium", "all states", float(numpy.abs(step / sizes).max()), AT_REST + 1e2 * radius)]
 
 
 def _size(plant: Plant, sizes: Array, name: str) -> float:
