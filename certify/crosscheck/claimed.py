@@ -50,8 +50,9 @@ class Subsystem:
 class Claimed:
     """A certificate that the kernel has accepted, beside the plant of the same spec.
 
-    `parts` by name: "dgu/NODE", "node/NODE" (a node without a DGU), "line/NAME", "branch/NODE/K". `rests` and
-    `regions` are what is proved, by the first node of each island; `settling` the islands on which the storage falls.
+    `parts` by name: "dgu/NODE", "node/NODE" (a node without a DGU), "line/NAME", "branch/NODE/K". `rests`, `saturated`
+    (with inverters at their limits) and `regions` are what is proved, by the first node of each island; `settling` the
+    islands on which the storage falls.
     """
 
     def __init__(self, plant: Plant, certificate: bytes, verdict: Verdict) -> None:
@@ -62,6 +63,7 @@ class Claimed:
         proved = [claim for claim in verdict.claims if claim.status in ("proved", "conditional")]
         names = {claim.id: claim.id.partition("/")[2] for claim in proved}
         self.rests: dict[str, Rest] = {names[c.id]: read_rest(c) for c in proved if c.kind == "equilibrium"}
+        self.saturated: dict[str, Rest] = {names[c.id]: read_rest(c) for c in proved if c.kind == "saturated"}
         self.regions: dict[str, Region] = {names[c.id]: read_region(c) for c in proved if c.kind == "region"}
         self.settling = {names[c.id] for c in proved if c.kind == "invariant-set"}
         self.parts = {part.name: part for part in self._parts()}
@@ -138,7 +140,10 @@ class Claimed:
                 yield load, self.at_node(node.name), 1
 
     def network(self, voltages: dict[str, complex]) -> csr_matrix:
-        """The Jacobian of the whole network by the kernel's model, with its loads at these voltages. Shape (n, n)."""
+        """The Jacobian of the whole network by the kernel's model, with its loads at these voltages. Shape (n, n).
+
+        Of a load outside its band the kernel says nothing: its node's rows go without it.
+        """
         rows: list[Places] = []
         columns: list[Places] = []
         values: list[Array] = []
@@ -154,12 +159,23 @@ class Claimed:
             add(to, of, sign * to.B @ of.C)
         for name in self.plant.loaded:
             part = self.at_node(name)
-            add(part, part, -part.B @ self.load_slope(name, voltages[name]) @ part.C)
+            if self.speaks_of(name, voltages[name]):
+                add(part, part, -part.B @ self.load_slope(name, voltages[name]) @ part.C)
         where = (numpy.concatenate(rows), numpy.concatenate(columns))
         return coo_matrix((numpy.concatenate(values), where), shape=(self.plant.size,) * 2).tocsr()
 
+    def speaks_of(self, name: str, V: complex) -> bool:
+        """Whether the kernel says what the static loads of a node draw around a voltage: not outside their band."""
+        low, high = self.context.nodes[name].band_volt or (0, None)
+        return float(low + STEP) < abs(V) and (high is None or abs(V) < float(high - STEP))
+
     def load_current(self, name: str, V: tuple[Fraction, Fraction]) -> tuple[Fraction, Fraction]:
-        """What the kernel takes the static loads of a node to draw, in ampere: the middle of its ball."""
+        """What the kernel takes the static loads of a node to draw, in ampere: the middle of its ball.
+
+        One given by its current is exact; a ball of it would need the margin of its denominator, from its proof.
+        """
+        if self.context.nodes[name].current is not None:
+            return self.context.disk(name)[0].current(V)
         drawn = equilibrium.load_current(self.context, name, ball(V))
         return Fraction(drawn.x, 1 << BITS), Fraction(drawn.y, 1 << BITS)
 

@@ -12,7 +12,7 @@ from certify.crosscheck.claimed import Claimed
 from certify.crosscheck.energy import Storage, Watch
 from certify.crosscheck.falsify import Attempts, Falsifier
 from certify.crosscheck.findings import Finding
-from certify.crosscheck.model import compare_model, compare_rest, find_reference
+from certify.crosscheck.model import compare_loads, compare_model, compare_rest, find_reference
 from certify.inputs import decode_all
 from certify.kernel.check import check
 from certify.phases import Phase
@@ -89,7 +89,7 @@ class CrossCheck:
         plant = Plant(decode_all(phase.spec), stage.numbers)
         claimed = Claimed(plant, certificate, verdict)
         rest = find_reference(claimed)
-        checked.findings += compare_rest(claimed, rest)
+        checked.findings += compare_loads(claimed) + compare_rest(claimed, rest)
         checked.findings += compare_model(claimed, stage.first if rest is None else rest, self.seed)
         if rest is None:
             checked.reason = "the simulator finds no equilibrium: no storage is looked at"
