@@ -618,12 +618,12 @@ def report() -> str:
     """)
     lines += [*SATURATION.lines(), ""]
     lines += paragraphs("""
-        It oscillates for ever, though all of its parts are passive, with both axes at their limits as well. With ki = 100, or with a static load that
+        After 20 s it oscillates as it did after one, though all of its parts are passive, also with both axes at their limits. With ki = 100, or with a static load that
         draws the same current, it recovers. So the paper's statement that saturation does not endanger stability does not hold; certificates say which region keeps clear of
         the limits, and that switching is not covered.
 
         Back-calculation, `anti_windup`, is no cure by itself: with 20 ms the oscillation is nearly twice as large as without, with 4 ms six times, and
-        only from 3 ms downwards does the inverter recover. An independent integrator agrees (`tests/test_paper_experiment.py`). No certificate
+        only from 3 ms downwards does the inverter recover. An independent integrator agrees over the first 40 ms (`tests/test_paper_experiment.py`). No certificate
         speaks of this either.
 
         ![An inverter that saturates](saturation.svg)
