@@ -308,7 +308,7 @@ def main() -> None:
     lines = [
         "# Simulations: time at equal error, and large networks",
         "",
-        f"`python tests/bench/simulation.py`, {version}. One run; the cores were shared, so compare within it only.",
+        f"`python tests/bench/simulation.py`, {version}. One run for each part; the cores were shared, so compare within a table only.",
         "An error is the largest of all states at 1,000 times (half of them on a logarithmic scale), relative to the largest",
         "modulus of the state's complex number; that of scipy's Radau is taken at its own steps, which spares it the error of",
         "its interpolation. Times between measured ones are interpolated, logarithms of both.",
