@@ -204,6 +204,10 @@ def simulate(
         message = f"{count} samples of {course.size} states are more than {MAX_NUMBERS} numbers; take fewer"
         raise SpecError((Fault("U007", "--samples", message),))
     times = sample_times(course, samples) if isinstance(samples, int) else numpy.asarray(samples, dtype=float)
+    bad = [t for t in (times[0], times[-1]) if not 0 <= t <= course.end] if len(times) else [numpy.nan]
+    if bad or not (numpy.diff(times) >= 0).all():
+        message = f"the times of samples have to rise, from 0 s to {course.end:g} s at most"
+        raise SpecError((Fault("U005", "--samples", message),))
     x = None
     if isinstance(start, str):
         course.start = start
@@ -212,6 +216,8 @@ def simulate(
             message = f"a state of {numpy.size(start)} numbers, where {course.size} are expected"
             raise SpecError((Fault("U006", "--start", message),))
         x = course.gather(course.plant(course.phases[0]), numpy.asarray(start, dtype=float))
+        if not numpy.isfinite(x).all():
+            raise SpecError((Fault("U006", "--start", "not all of what is on is given by a finite number"),))
     states = numpy.full((len(times), course.size), numpy.nan)
     result = Simulation(course.start if x is None else "given", times, states, course.parts)
     done = 0

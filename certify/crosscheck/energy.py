@@ -268,7 +268,7 @@ class Watch:
         self.lost += integrate(piece, storage, self.started)
         for k, first in enumerate(storage.first):
             residual = abs(H[-1, k] + self.lost[k] - self.first[k]) / self.started[k]
-            allowed = max(1e-10, 1e2 * self.tolerance)
+            allowed = max(1e-10, 1e3 * self.tolerance)
             slack = storage.uncertainty(x[:1], 1e-15 * numpy.abs(storage.rest))[0, k] / self.started[k]
             self._note("energy balance", first, residual, allowed + 1e3 * slack, "", piece.end, x[-1])
 

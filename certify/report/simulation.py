@@ -45,6 +45,7 @@ BAND = "0.01 %"
 TOLERANCES = (Fraction(1, 10**13), Fraction(1, 100))
 MAX_SAMPLES = 10**8
 MAX_SECONDS = 10**9
+MAX_ATTEMPTS = 10_000
 BLURRED = 100  # times what a step may add to the error: a narrower band says little
 SHOWN_DGUS = 12
 SHOWN_PHASES = 24
@@ -181,6 +182,9 @@ def read_wish(options: argparse.Namespace, spec: bytes | None) -> Wish:
     tolerance = number("--tolerance", options.tolerance, parse_decimal, lambda x: low <= x <= high, "1e-13 to 1e-2")
     if not 1 <= options.samples <= MAX_SAMPLES:
         faults.append(Fault("U005", "--samples", f"expected a number from 1 to {MAX_SAMPLES}, got {options.samples}"))
+    if not 0 <= options.attempts <= MAX_ATTEMPTS:
+        given = f"expected a number from 0 to {MAX_ATTEMPTS}, got {options.attempts}"
+        faults.append(Fault("U005", "--attempts", given))
     text = BAND if options.band is None else options.band
     share = text.strip().endswith("%")
     band = number("--band", text, lambda x: parse_quantity(x, "" if share else "V", pu), lambda x: x > 0, "more than 0")

@@ -8,6 +8,7 @@ of the shortest apart, so that what depends on lambda h is computed once for eac
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -26,7 +27,7 @@ QUADRATURES = ((4.0, 14), (24.0, 36))  # |lambda h| up to which so many nodes ar
 SWEEPS = 12
 SETTLED = 0.05  # of the tolerance: a change from one sweep to the next with which they end
 HONEST = 8.0  # how many times the error the estimate of it may be: measured
-DEEPEST = 44  # the shortest window is the span by two to this
+DEEPEST = 36  # the shortest window is the first one by two to this
 FIRST = 8.0  # |lambda h| of the fastest mode in the first window
 SMOOTH = 4.0  # |lambda h| up to which a mode is interpolated between the points of a window
 
@@ -283,16 +284,19 @@ def _interpolation(rule: _Rule, share: Array) -> Array:
 
 
 class Exponential:
-    """Advances a flow from a state at time 0, window by window, all of lengths `unit` 2^-k in s.
+    """Advances a flow from a state at time 0, window by window, up to about `span` in s each.
+
+    Their lengths are powers of two, so that what depends on them is computed once for each.
 
     `tolerance` bounds the error that a window adds, as a share of the weights given with it.
     """
 
-    def __init__(self, modes: Modes, x: Array, unit: float, tolerance: float) -> None:
-        self.modes, self.unit, self.tolerance = modes, unit, tolerance
+    def __init__(self, modes: Modes, x: Array, span: float, tolerance: float) -> None:
+        self.modes, self.span, self.tolerance = modes, span, tolerance
         self.y, self.time = modes.to_modes(x), 0.0
         fastest = float(numpy.abs(modes.values).max(initial=0.0))
-        self.depth = max(0, min(DEEPEST, int(numpy.ceil(numpy.log2(max(1.0, fastest * unit / FIRST))))))
+        self.unit = 2.0 ** math.floor(math.log2(min(span, FIRST / fastest if fastest else span)))
+        self.depth = 0
         self.rejected = 0
         self.last: Window | None = None
 
@@ -302,11 +306,11 @@ class Exponential:
         Raises: FloatingPointError if the motion cannot be followed, because it grows beyond all bounds.
         """
         while self.depth <= DEEPEST:
-            window, error = self._attempt(self.unit / 2**self.depth, weights)
+            window, error = self._attempt(math.ldexp(self.unit, -self.depth), weights)
             if window is not None and error <= 1:
                 self.y, self.time, self.last = window.values[-1], window.end, window
                 # twice the length makes the error of the highest degrees 2^POINTS times as large
-                if error < 2.0 ** (2 - POINTS) * 16 and self.depth:
+                if error < 2.0 ** (2 - POINTS) * 16 and window.length < self.span:
                     self.depth -= 1
                 return window
             self.rejected += 1
@@ -317,22 +321,23 @@ class Exponential:
         """Go back to the start of the last window; the next one will be half as long."""
         if self.last is not None:
             self.y, self.time = self.last.values[0], self.last.start
-            self.depth = round(float(numpy.log2(self.unit / self.last.length))) + 1
+            self.depth = round(math.log2(self.unit / self.last.length)) + 1
             self.rejected += 1
 
     def _attempt(self, h: float, weights: Array) -> tuple[Window | None, float]:
         """A window of one length, None if the sweeps do not settle, and its error as a share of the tolerance."""
         modes = self.modes
-        settled, error, grown, values, forces = _settle(
-            self.y,
-            h,
-            modes.level(h),
-            _rule(POINTS).high.astype(complex),
-            modes.linear,
-            modes.tables,
-            (modes.parts, modes.sizes),
-            self.tolerance * weights,
-        )
+        with numpy.errstate(all="ignore"):  # what is no number is turned down
+            settled, error, grown, values, forces = _settle(
+                self.y,
+                h,
+                modes.level(h),
+                _rule(POINTS).high.astype(complex),
+                modes.linear,
+                modes.tables,
+                (modes.parts, modes.sizes),
+                self.tolerance * weights,
+            )
         return (Window(modes, self.time, h, grown, values, forces) if settled else None), float(error)
 
 

@@ -31,7 +31,7 @@ class StaticLoads:
         self.size = len(nodes)
         loads = [[x for x in node.loads if isinstance(x, ZipLoad)] for node in nodes]
         others = [[x for x in node.loads if isinstance(x, ExpLoad)] for node in nodes]
-        lows = [FLOOR * float(node.band_volt[1]) if node.band_volt else 0.0 for node in nodes]
+        lows = [FLOOR * _top(node) for node in nodes]
         self.zips: tuple[Table, ...] = tuple(_zip_table(layer) for layer in _layers(loads, lows))
         self.exps: tuple[Table, ...] = tuple(_exp_table(layer) for layer in _layers(others, lows))
         given = [(k, node) for k, node in enumerate(nodes) if node.current]
@@ -115,6 +115,14 @@ def _clipped(v: Array, cutoff: Array) -> tuple[Array, NDArray[numpy.bool_]]:
     """The voltage at which the admittance of a load is taken, infinite for none; and whether that is its own."""
     u = numpy.maximum(v, cutoff)
     return numpy.where(u > 0, u, numpy.inf), (v >= cutoff) & (v > 0)
+
+
+def _top(node: Node) -> float:
+    """The largest voltage of the claim on a node's loads."""
+    if node.current:
+        d, q = node.current.centre_volt
+        return abs(complex(float(d), float(q))) + float(node.current.radius_volt)
+    return float(node.band_volt[1]) if node.band_volt else 0.0
 
 
 def _layers(loads: Sequence[Sequence[Any]], lows: Sequence[float]) -> list[list[tuple[int, Any, float]]]:

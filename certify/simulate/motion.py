@@ -6,8 +6,9 @@ the motion goes on with the flow that has this component held, or free. Rates ar
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy
@@ -21,10 +22,15 @@ from certify.simulate.starts import flat_state
 
 LOOKS = 32  # at the limits within a window
 SLACK = 1e-10  # of a limit, by which it is passed before a piece ends: so that a piece does not end as it begins
+ROUNDING = 1e-12  # of the terms of a control law, likewise
+STILL = 40  # pieces without length for each component, after which nothing is going to move
+CRAWL = 3000  # windows in a phase: if as many more are to come, they are too short for the method
+PATTERNS = 24  # of components at their limits, of which the modes are kept; twice as many are too many for them
 SMALLEST = 1e-4  # of the largest of its kind is what a state is measured by if it is small itself
 BOUND = 1e6  # times its natural size makes a state diverge
 MODAL_STATES = 300  # up to which a network is followed in its modes
 MODAL_CONDITION = 1e7
+LONGEST = 100.0  # s: what windows of collocation are shares of
 METHODS = ("exponential", "collocation")
 
 
@@ -88,19 +94,26 @@ class Follower:
         self.natural = natural_sizes(plant, self.rest)
         self.guarded = numpy.flatnonzero(numpy.isfinite(plant.limits))
         self.rows = plant.K[self.guarded].toarray() if len(self.guarded) else numpy.zeros((0, plant.size))
+        # rounding is worth some of the terms of u, which may be far larger than a limit
+        terms = numpy.abs(self.rows) @ self.natural + numpy.abs(plant.k[self.guarded])
+        self.slack = SLACK * plant.limits[self.guarded] + ROUNDING * terms
         self.known: dict[bytes, Modes] = {}
         self.method = method or ("exponential" if plant.size <= MODAL_STATES else "collocation")
-        self.windows = self.rejected = self.switches = 0
+        self.windows = self.rejected = self.switches = self.found = 0
 
     def pieces(self, x: Array, start: float, end: float) -> Iterator[Piece]:
         """The motion from a state at `start`, in s, up to `end`. Raises: Diverged."""
         flow, now = flow_at(self.plant, x), start
         rest = self.rest if self.rest is not None and self.method == "exponential" else numpy.zeros_like(x)
         weights = numpy.maximum(_moduli(x - rest), SMALLEST * self.natural)
+        still = 0
         while now < end:
             stepper = self._stepper(flow, x, end - start)
             offset = now
             while now < end:
+                if self.method == "exponential" and self._crawls(now - start, end - now):
+                    self.method = "collocation"
+                    break
                 try:
                     window = stepper.advance(weights)
                 except FloatingPointError:
@@ -111,6 +124,9 @@ class Follower:
                     stepper.shorten()
                     continue
                 until, crossed = (until, -1) if crossing[1] < 0 else (offset + crossing[0], crossing[1])
+                still = still + 1 if until <= now else 0
+                if still > STILL * (1 + len(self.guarded)):
+                    raise Diverged(now, "inverters go in and out of their limits, and no time passes")
                 piece = Piece(flow, window, offset, now, until)
                 self.windows += 1
                 yield piece
@@ -126,22 +142,29 @@ class Follower:
                     break
             self.rejected += stepper.rejected
 
+    def _crawls(self, done: float, left: float) -> bool:
+        """Whether so many windows have been needed that as many more would have to follow, for the seconds left."""
+        return self.windows > CRAWL and self.windows % 100 == 0 and left * CRAWL > done * self.windows
+
     def _stepper(self, flow: Flow, x: Array, unit: float) -> Stepper:
         if self.method == "exponential":
             key = flow.held.tobytes()
             if key not in self.known:
+                self.found += 1
+                while len(self.known) >= PATTERNS:
+                    self.known.pop(next(iter(self.known)))
                 self.known[key] = Modes(flow, x if self.rest is None else self.rest, self.natural)
             modes = self.known[key]
-            if modes.condition <= MODAL_CONDITION:
+            if modes.condition <= MODAL_CONDITION and self.found <= 2 * PATTERNS:
                 return Exponential(modes, x, unit, self.tolerance)
-            self.method = "collocation"  # no basis of modes, or next to none
-        return Collocation(flow, x, unit, self.tolerance)
+            self.method = "collocation"  # no basis of modes, next to none, or too many of them
+        return Collocation(flow, x, min(unit, LONGEST), self.tolerance)
 
     def _margins(self, flow: Flow, states: Array) -> Array:
         """How far each guarded component is from where the flow changes, in volt. Shape (t, n) to (t, g)."""
         u = states @ self.rows.T + self.plant.k[self.guarded]
         limits, held = self.plant.limits[self.guarded], flow.held[self.guarded]
-        return numpy.where(held == 0, limits - numpy.abs(u), held * u - limits) + SLACK * limits
+        return numpy.where(held == 0, limits - numpy.abs(u), held * u - limits) + self.slack
 
     def _crossing(self, flow: Flow, window: Window, until: float) -> tuple[float, int] | None:
         """When the first component leaves the flow, and which: (until, -1) if none does, None if that is unclear."""
@@ -150,14 +173,19 @@ class Follower:
         times = numpy.linspace(window.start, until, LOOKS + 1)
         margins = self._margins(flow, window.states(times))
         ripple = window.ripple(self.rows, LOOKS * 0.8)
-        if ((margins.min(axis=0) <= 2 * ripple) & (ripple > SLACK * self.plant.limits[self.guarded])).any():
+        if ((margins.min(axis=0) <= 2 * ripple) & (ripple > self.slack)).any():
             return None
-        # between two looks a margin may dip below zero: where it has a least value, look closer
-        middle = margins[1:-1]
-        bend = margins[:-2] - 2 * middle + margins[2:]
+        # between looks a margin may dip below zero: where a parabola through three has its least value nearby, and that
+        # is less than half of what changes there, look closer
+        before, middle, after = margins[:-2], margins[1:-1], margins[2:]
+        bend = before - 2 * middle + after
         with numpy.errstate(divide="ignore", invalid="ignore"):
-            bottom = middle - (margins[2:] - margins[:-2]) ** 2 / (8 * bend)
-        dips = (middle <= margins[:-2]) & (middle <= margins[2:]) & (middle > 0) & (bend > 0) & (bottom < middle / 2)
+            bottom = middle - (after - before) ** 2 / (8 * bend)
+            near = numpy.abs(after - before) <= 2 * bend  # within the three
+        change = numpy.maximum(numpy.maximum(before, middle), after) - numpy.minimum(
+            numpy.minimum(before, middle), after
+        )
+        dips = (bend > 0) & near & (bottom < change / 2)
 
         def margin(t: float, g: int) -> float:
             return float(self._margins(flow, window.states(numpy.array([t])))[0, g])
@@ -168,14 +196,16 @@ class Follower:
                 (times[k], times[k + 1]) for k in numpy.flatnonzero((margins[:-1, g] >= 0) & (margins[1:, g] < 0))
             ]
             for k in numpy.flatnonzero(dips[:, g]):
-                low = minimize_scalar(margin, args=(g,), bounds=(times[k], times[k + 2]), method="bounded")
+                options = {"xatol": 1e-9 * (times[k + 2] - times[k])}
+                span = (times[k], times[k + 2])
+                low = minimize_scalar(margin, args=(g,), bounds=span, method="bounded", options=options)
                 if low.fun < 0:
                     brackets.append((times[k], float(low.x)))
             if margins[0, g] < 0:
                 found.append((window.start, g))
             elif brackets:
                 a, b = min(brackets)
-                found.append((float(brentq(margin, a, b, args=(g,), xtol=1e-15 * max(b, 1e-12), rtol=1e-14)), g))
+                found.append((_root(partial(margin, g=g), a, b), g))
         if not found:
             return until, -1
         time, g = min(found)
@@ -208,6 +238,16 @@ class Follower:
         worst = int(numpy.argmax(numpy.nan_to_num(beyond, nan=numpy.inf)))
         part = next(part for part, at in self.plant.slices.items() if at.start <= worst < at.stop)
         return Diverged(time, f"{TITLES[part[0]].format(*part[1:])} has reached {x[worst]:.3g} in size")
+
+
+def _root(margin: Callable[[float], float], a: float, b: float) -> float:
+    """Where a margin that is positive at a and negative at b is zero; rounding may have it otherwise at the ends."""
+    if margin(a) <= 0:
+        return a
+    if margin(b) >= 0:
+        return b
+    root, _ = brentq(margin, a, b, xtol=1e-15 * max(b, 1e-12), rtol=1e-14, maxiter=200, full_output=True, disp=False)
+    return float(root)
 
 
 def natural_sizes(plant: Plant, rest: Array | None) -> Array:

@@ -61,7 +61,9 @@ class Nodal:
         columns = csc_matrix(abs(self.D))
         self._pushed = columns.indices, columns.data, columns.indptr[:-1]
         ones = self.S.nnz == self.S.shape[0] and (self.S.data == 1).all() and (numpy.diff(self.S.indptr) == 1).all()
-        self._read = self.S.indices if ones else None  # without linear loops, voltages are states
+        # without linear loops voltages are states, and currents enter just these
+        alike = ones and columns.nnz == columns.shape[1] and numpy.array_equal(columns.indices, self.S.indices)
+        self._read = self.S.indices if alike else None
         # the places of the blocks in a sparse matrix, and those of the matrix that is left
         widths = numpy.concatenate([numpy.empty(0, dtype=int), *(numpy.full(g.size, g.shape[1]) for g in groups)])
         self._starts = numpy.concatenate([[0], numpy.cumsum(widths)])

@@ -80,11 +80,11 @@ class Plant:
         self.nodes = {node.name: k for k, node in enumerate(grid.nodes)}
         self.slices: dict[Part, slice] = {}
         self.size = 0
-        self.loops: dict[str, _Loop] = {}
+        self.loops: dict[str, Loop] = {}
         self.capacitances = _capacitances(grid)
         for node in grid.nodes:
             if node.dgu and isinstance(node.dgu.controller, LinearLoop):
-                self.loops[node.name] = _Loop(node.dgu, node.dgu.controller, self.capacitances[node.name], self.w0)
+                self.loops[node.name] = Loop(node.dgu, node.dgu.controller, self.capacitances[node.name], self.w0)
             else:
                 self._place(("voltage", node.name), 2)
         self.inverters: dict[str, Inverter] = {}
@@ -297,7 +297,7 @@ class _Stamps:
         return result
 
 
-class _Loop:
+class Loop:
     """A linear loop x' = F x + B d, V = C x + reference beside the capacitances of its lines' legs.
 
     These take c (V' + j w0 V) off d, so x' has the mass 1 + c B C: `own` is F with that, `B` and `constant` likewise;

@@ -18,7 +18,7 @@ from typing import Any
 import numpy
 
 from certify.kernel.spec import Filter, LinearLoop, Microgrid
-from certify.simulate.plant import Array, Inverter, Part, Plant, inverter_of, settled
+from certify.simulate.plant import Array, Inverter, Loop, Part, Plant, inverter_of, settled
 from certify.simulate.scenario import Event, Target
 
 State = dict[Part, Array]  # of each part its own states: two, or those of a linear loop
@@ -72,6 +72,13 @@ class Switchboard:
             dgu = replace(dgu, controller=self.law(event.controller, dgu.filter))
         self.dgus[event.target] = dgu
 
+    def loop(self, name: str) -> Loop | None:
+        """The linear loop at a node as it is set now; None for an inverter."""
+        dgu = self.dgus[name]
+        if not isinstance(dgu.controller, LinearLoop):
+            return None
+        return Loop(dgu, dgu.controller, self.legs(name) + self.filter(name), float(self.whole.w0))
+
     def inverter(self, name: str) -> Inverter | None:
         """The inverter at a node as it is set now, on or off; None for a linear loop."""
         dgu = self.dgus[name]
@@ -119,11 +126,11 @@ def after_events(board: Switchboard, before: Plant, after: Plant, events: Iterab
             board.off.discard(event.switched)
             state["line", name] = numpy.zeros(2)
             for end, old in legs.items():
-                _share_charge(board, after, state, end, old)
+                _share_charge(board, state, end, old)
         elif event.action == "connect" and event.part == "DGU":
             old = board.legs(name)
             board.off.discard(event.switched)
-            _connect_dgu(board, after, state, name, old, event.discharged)
+            _connect_dgu(board, state, name, old, event.discharged)
         elif event.action == "disconnect":
             board.off.add(event.switched)
             for part in board.own_parts(event.switched):
@@ -132,14 +139,11 @@ def after_events(board: Switchboard, before: Plant, after: Plant, events: Iterab
             _take_over(board, event, state)
         elif event.action == "reference":
             board.set(event)
+            _keep_voltage(board, state, name)
         elif event.action == "connect":  # a load
             for part in board.own_parts(event.switched):
                 state[part] = numpy.zeros(2)
             board.off.discard(event.switched)
-    for name, loop in after.loops.items():  # their voltage is an output, and does not jump with their reference
-        if ("loop", name) in state:
-            missing = state["voltage", name] - loop.reference - loop.C @ state["loop", name]
-            state["loop", name] = state["loop", name] + numpy.linalg.pinv(loop.C) @ missing
     for part, at in after.slices.items():
         if part[0] == "branch":
             state.setdefault(part, numpy.zeros(2))
@@ -148,11 +152,19 @@ def after_events(board: Switchboard, before: Plant, after: Plant, events: Iterab
     return put_together(after, state)
 
 
-def _share_charge(board: Switchboard, after: Plant, state: State, name: str, old_legs: float) -> None:
+def _keep_voltage(board: Switchboard, state: State, name: str) -> None:
+    """The voltage of a linear loop is an output: what is new of it changes its states as little as it can."""
+    loop = board.loop(name)
+    if loop and ("loop", name) in state:
+        missing = state["voltage", name] - loop.reference - loop.C @ state["loop", name]
+        state["loop", name] = state["loop", name] + numpy.linalg.pinv(loop.C) @ missing
+
+
+def _share_charge(board: Switchboard, state: State, name: str, old_legs: float) -> None:
     """Legs without charge have come to a node: C V stays as it is, and of a linear loop x + c B V."""
     legs, V = board.legs(name), state["voltage", name]
-    if name in after.loops and ("loop", name) in state:
-        loop = after.loops[name]
+    loop = board.loop(name) if board.has_dgu(name) else None
+    if loop:
         mass = numpy.eye(len(loop.F)) + legs * loop.raw @ loop.C
         right = state["loop", name] + loop.raw @ (old_legs * V - legs * loop.reference)
         state["loop", name] = numpy.linalg.solve(mass, right)
@@ -163,21 +175,19 @@ def _share_charge(board: Switchboard, after: Plant, state: State, name: str, old
         state["voltage", name] = V * (old_legs + own) / (legs + own)
 
 
-def _connect_dgu(board: Switchboard, after: Plant, state: State, name: str, old_legs: float, discharged: bool) -> None:
-    V, legs = state["voltage", name], board.legs(name)
-    if name in after.loops:
-        loop = after.loops[name]
+def _connect_dgu(board: Switchboard, state: State, name: str, old_legs: float, discharged: bool) -> None:
+    V, legs, loop, inverter = state["voltage", name], board.legs(name), board.loop(name), board.inverter(name)
+    if loop:
         own = numpy.zeros(2) if discharged else V
         state["loop", name] = numpy.linalg.pinv(loop.C) @ (own - loop.reference)
         if discharged:
             state["voltage", name] = V  # of the legs, the charge of which the loop now has a share of
-            _share_charge(board, after, state, name, old_legs)
+            _share_charge(board, state, name, old_legs)
         return
-    inverter = board.inverter(name)
     if inverter is None:
         return
-    voltage = complex(*V)
-    current = 1j * after.w0 * inverter.capacitance_farad * voltage
+    voltage, w0 = complex(*V), float(board.whole.w0)
+    current = 1j * w0 * inverter.capacitance_farad * voltage
     if discharged:
         state["voltage", name] = V * old_legs / (legs + inverter.capacitance_farad)
         current = 0j
@@ -185,7 +195,7 @@ def _connect_dgu(board: Switchboard, after: Plant, state: State, name: str, old_
     if inverter.rate:
         state["integrator", name] = numpy.zeros(2)
         if not discharged:
-            wanted = voltage + complex(inverter.resistance_ohm, after.w0 * inverter.inductance_henry) * current
+            wanted = voltage + complex(inverter.resistance_ohm, w0 * inverter.inductance_henry) * current
             state["integrator", name] = _settled(inverter, voltage, current, wanted)
 
 
@@ -202,6 +212,7 @@ def _take_over(board: Switchboard, event: Event, state: State) -> None:
     old = board.inverter(name)
     board.set(event)
     new = board.inverter(name)
+    _keep_voltage(board, state, name)
     if old is None or new is None or ("current", name) not in state:  # a linear loop, or off
         return
     V, current = (complex(*state[kind, name]) for kind in ("voltage", "current"))
