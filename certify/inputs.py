@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ def load(path: str | os.PathLike[str]) -> Microgrid:
     return decode_all(read(path))
 
 
+@lru_cache(maxsize=4)  # a phase of a scenario is read when it is checked, and again when it is used
 def decode_all(data: bytes) -> Microgrid:
     """The microgrid of a spec; faults of its scenarios are reported together with its own. Raises: SpecError."""
     document = read_document(data)

@@ -17,7 +17,6 @@ is ideal, as FORMAT.md has it:
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -25,12 +24,9 @@ from typing import Any
 
 from certify.certificate import Certificate
 from certify.kernel.claims import Context, Verdict
-from certify.kernel.data import Data
 from certify.kernel.linalg import ZERO, Matrix, Vector, add, apply, identity, scale, solve
 from certify.kernel.model import J, node_capacitances, to_state_feedback
-from certify.kernel.proofs import full_storage
 from certify.kernel.reader import read_document
-from certify.kernel.rules import storage_at
 from certify.kernel.spec import (
     ConstantVoltage,
     Dgu,
@@ -47,6 +43,7 @@ from certify.kernel.spec import (
 )
 from certify.phases import Phase, series_loads
 from certify.simulate.scenario import Event, Target, law_reader
+from certify.storages import proved_storages
 
 # What a state is of: ("voltage", node), ("line", name), ("branch", node, index in the spec's list of loads),
 # ("current", node of a DGU), and ("integrator", node of a DGU), which is K13 v. Values are (d, q) in V and A.
@@ -100,7 +97,9 @@ def find_jumps(whole: Microgrid, before: Proved, after: Proved) -> tuple[Jump, .
     for event in new.events:
         course.follow(event)
     goal = _rest(context.grid, places, _facts(new_certificate.verdict))
-    storages = _storages(context, new_certificate)
+    # in the states (V, I, v): a linear loop has states of its own, and is not looked at
+    proved = proved_storages(context, new_certificate.data)
+    storages = {name: P for name, (P, _) in proved.items() if context.port(name).capacitance_farad is not None}
     jumps = []
     for island in context.islands:
         level, everything = _level(new_certificate.verdict, island[0])
@@ -310,20 +309,6 @@ class _Course:
             self.nodes[node.name] = replace(node, dgu=replace(node.dgu, reference_volt=event.reference_volt))
         elif node.dgu and event.controller and (law := self.read_law(event.controller, node.dgu.filter)):
             self.nodes[node.name] = replace(node, dgu=replace(node.dgu, controller=law))
-
-
-def _storages(context: Context, certificate: Certificate) -> dict[str, Matrix]:
-    """The storage matrix P of each DGU that the certificate proves, in the states (V, I, v)."""
-    document: dict[str, Any] = json.loads(certificate.data)
-    found = {}
-    for entry in document["claims"]:
-        kind, _, name = entry["id"].partition("/")
-        if kind == "dgu" and name in context.nodes and entry["rule"] in ("quadratic-storage", "index-storage"):
-            port, given = context.port(name), Data(document["proofs"][entry["proof"]]["storage"]).matrix()
-            if port.capacitance_farad is not None:  # a linear loop has states of its own
-                exact = entry["rule"] == "quadratic-storage"
-                found[name] = full_storage(port, given) if exact else storage_at(port, given)
-    return found
 
 
 def _contributions(

@@ -1,9 +1,10 @@
 """How a simulation settles: errors of the DGUs against their references, watched closely while it runs.
 
 The DGU at a node has *settled* at a time if from then on both axes of the error V - V* stay within its band, up to the
-end of the phase: the last time at which the larger of |e_d| and |e_q| is outside counts, not the first inside. A phase
-in which it has not settled by its end is counted on through the next ones, as long as the DGU is on and its reference
-the same: up to the first phase at the end of which it has. What later events did to it is then in that time as well.
+end of the phase: the last time at which the larger of |e_d| and |e_q| is outside counts, not the first inside. (Or, if
+asked for, the modulus of the error instead of the larger axis.) A phase in which it has not settled by its end is
+counted on through the next ones, as long as the DGU is on and its reference the same: up to the first phase at the end
+of which it has. What later events did to it is then in that time as well.
 
 Samples are too coarse for that. Here each piece of motion is looked at so often that all oscillations of a size that
 matters have many points in each period, and the last crossing of the band is located in the dense output.
@@ -79,6 +80,7 @@ class _Open:
 
     stage: Stage
     bands: Array
+    by_modulus: bool = False
     piece: Piece | None = None
     largest: Array = field(default_factory=lambda: numpy.zeros(0))  # (k, 2)
     brackets: dict[int, tuple[Piece, float, float]] = field(default_factory=dict)  # of the last crossing
@@ -117,7 +119,11 @@ class _Open:
     def excess(self, piece: Piece, time: float, k: int) -> float:
         """How far the error of a DGU is outside of its band, in V."""
         V = self.voltages(piece.states(numpy.array([time])))[0, self.dgus[k]]
-        return float(numpy.abs(V - self.references[k]).max() - self.bands[k])
+        return float(self.measured(V - self.references[k]).max() - self.bands[k])
+
+    def measured(self, errors: Array) -> Array:
+        """What must stay within the band: the size of each axis, or one modulus. (.., 2) to the same, or (.., 1)."""
+        return numpy.hypot(errors[..., :1], errors[..., 1:]) if self.by_modulus else numpy.abs(errors)
 
     def looks(self, piece: Piece) -> Array:
         """The times at which a piece is looked at, both ends included."""
@@ -133,7 +139,7 @@ class _Open:
         self.piece = piece
         times = self.looks(piece)
         V = self.voltages(piece.states(times))
-        self._see_errors(piece, times, numpy.abs(V[:, self.dgus] - self.references))
+        self._see_errors(piece, times, V[:, self.dgus] - self.references)
         if self.others:
             size = numpy.hypot(*numpy.moveaxis(V[:, self.others], -1, 0))
             low, high = int(size.min(axis=0).argmin()), int(size.max(axis=0).argmax())
@@ -143,15 +149,14 @@ class _Open:
             if self.highest is None or most > self.highest[0]:
                 self.highest = most, self.names[self.others[high]]
 
-    def _see_errors(self, piece: Piece, times: Array, sizes: Array) -> None:
-        """Take note of |e|, (t, k, 2): of what is largest, and of the last crossing of the band."""
-        before, middle, after = sizes[:-2], sizes[1:-1], sizes[2:]
-        bend = 2 * middle - before - after
-        with numpy.errstate(divide="ignore", invalid="ignore"):
-            top = (middle >= before) & (middle >= after) & (bend > 0)  # between looks it may be larger: a parabola
-            peaks = numpy.where(top, middle + (after - before) ** 2 / (8 * bend), 0.0)
-            where = numpy.where(top, (after - before) / (2 * bend), 0.0)
+    def _see_errors(self, piece: Piece, times: Array, errors: Array) -> None:
+        """Take note of errors, (t, k, 2): of what is largest, and of the last crossing of the band."""
+        sizes = numpy.abs(errors)
+        peaks, where = _peaks(sizes)
         self.largest = numpy.maximum(self.largest, numpy.maximum(sizes.max(axis=0), peaks.max(axis=0, initial=0.0)))
+        if self.by_modulus:
+            sizes = self.measured(errors)
+            peaks, where = _peaks(sizes)
         outside = sizes.max(axis=2) > self.bands
         beside = peaks.max(axis=2) > self.bands
         step = times[1] - times[0]
@@ -172,7 +177,7 @@ class _Open:
         last = piece.last
         V = self.voltages(last[None, :])[0]
         final = V[self.dgus] - self.references
-        inside = (numpy.abs(final) <= self.bands[:, None]).all(axis=1)
+        inside = self.measured(final).max(axis=1, initial=0.0) <= self.bands
         dgus = tuple(
             DguCourse(
                 self.names[node],
@@ -201,11 +206,25 @@ class _Open:
         return float(brentq(lambda t: self.excess(piece, t, k), low, high, xtol=XTOL))
 
 
-class Watch:
-    """An observer for `simulate`: what becomes of the errors. `bands` gives V for a DGU by node and reference."""
+def _peaks(sizes: Array) -> tuple[Array, Array]:
+    """How large sizes, (t, ..), get between looks, by parabolas, and where, in steps; (t - 2, ..), 0 if at no top."""
+    before, middle, after = sizes[:-2], sizes[1:-1], sizes[2:]
+    bend = 2 * middle - before - after
+    with numpy.errstate(divide="ignore", invalid="ignore"):
+        top = (middle >= before) & (middle >= after) & (bend > 0)
+        peaks = numpy.where(top, middle + (after - before) ** 2 / (8 * bend), 0.0)
+        where = numpy.where(top, (after - before) / (2 * bend), 0.0)
+    return peaks, where
 
-    def __init__(self, bands: Callable[[str, complex], float]) -> None:
-        self._bands = bands
+
+class Watch:
+    """An observer for `simulate`: what becomes of the errors. `bands` gives V for a DGU by node and reference.
+
+    `by_modulus`: settled is what has |V - V*| within its band, instead of both axes.
+    """
+
+    def __init__(self, bands: Callable[[str, complex], float], by_modulus: bool = False) -> None:
+        self._bands, self._by_modulus = bands, by_modulus
         self._open: _Open | None = None
         self._closed: list[PhaseCourse] = []
 
@@ -215,7 +234,7 @@ class Watch:
                 self._closed.append(self._open.close(True))
             dgus = [(node.name, node.dgu) for node in stage.plant.grid.nodes if node.dgu]
             bands = [self._bands(name, complex(*map(float, dgu.reference_volt))) for name, dgu in dgus]
-            self._open = _Open(stage, numpy.array(bands))
+            self._open = _Open(stage, numpy.array(bands), self._by_modulus)
         self._open.see(piece)
 
     def result(self, simulation: Simulation) -> tuple[PhaseCourse, ...]:

@@ -13,7 +13,7 @@ from certify.inputs import decode_all
 from certify.kernel.claims import to_text
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.reader import read_document
-from certify.kernel.spec import Microgrid, decode
+from certify.kernel.spec import Microgrid
 from certify.phases import Phase, indices_of_loads, read_phases, series_loads
 from certify.simulate.motion import Diverged, Follower, Piece
 from certify.simulate.plant import TITLES, Array, Part, Plant
@@ -118,7 +118,7 @@ class Course:
 
     def plant(self, phase: Phase) -> Plant:
         """The equations of a phase."""
-        return Plant(decode(phase.spec), self.numbers(phase))
+        return Plant(decode_all(phase.spec), self.numbers(phase))
 
     def motion(self, x: Array | None, tolerance: float, method: str | None = None) -> Iterator[tuple[Stage, Piece]]:
         """The motion from a state of the first phase, or from the start. Raises: Diverged, SpecError."""
@@ -232,6 +232,7 @@ def simulate(
                 progress(piece.end, course.end)
     except Diverged as error:
         result.diverged = error
+        done = min(done, int(numpy.searchsorted(times, error.at_second, "right")))
     if last and result.diverged is None and done < len(times):
         states[done:] = course.spread(last[0].plant, last[1].states(times[done:]))
         done = len(times)

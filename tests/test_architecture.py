@@ -17,6 +17,8 @@ from tests.conftest import ROOT
 KERNEL = sorted((ROOT / "certify" / "kernel").glob("*.py"))
 LAYERS = [
     "kernel",
+    "rests",
+    "storages",
     "search",
     "certificate",
     "accepted",
@@ -30,6 +32,7 @@ LAYERS = [
     "simulation",
     "samples",
     "settling",
+    "crosscheck",
     "load_tables",
     "report",
     "options",
@@ -112,6 +115,17 @@ def test_arrows_point_one_way() -> None:
         for name in imported(path):
             if name.startswith("certify."):
                 assert name.split(".")[1] not in later, f"{path.name} imports {name}"
+
+
+def test_the_simulator_shares_no_model_with_the_kernel() -> None:
+    """It reads the same spec, and tells faults in the same way: no equation, matrix or load law is common to both."""
+    shared = {"spec", "errors", "quantity", "reader", "claims"}
+    for path in (ROOT / "certify" / "simulate").glob("*.py"):
+        for name in imported(path):
+            parts = name.split(".")
+            assert parts[0] != "certify" or parts[1] == "simulate" or (parts[1] == "kernel" and parts[2] in shared), (
+                name
+            )
 
 
 @pytest.mark.parametrize("name", ["cigre-mv.toml", "cigre-mv-as-printed.toml", "two-inverters.toml"])

@@ -215,6 +215,7 @@ class Watch:
     def __post_init__(self) -> None:
         self.times: list[Array] = []
         self.values: list[Array] = []
+        self.final: tuple[Array, Array] = numpy.zeros(0), numpy.zeros((0, 0))
         islands = len(self.storage.islands)
         self.before: tuple[Array, Array, Array] | None = None
         self.worst: dict[tuple[str, str], Finding] = {}
@@ -236,6 +237,7 @@ class Watch:
         slack = GROWTH * self.tolerance * storage.uncertainty(x, self.sizes) + 1e-12 * H
         self.times.append(times[:-1])
         self.values.append(H[:-1])
+        self.final = times[-1:], H[-1:]
         for k, first in enumerate(storage.first):
             if first not in storage.claimed.settling:
                 continue
@@ -284,7 +286,7 @@ class Watch:
         """When H was looked at, and H on each island. (t,), (t, islands)."""
         if not self.times:
             return numpy.zeros(0), numpy.zeros((0, len(self.storage.islands)))
-        return numpy.concatenate(self.times), numpy.concatenate(self.values)
+        return numpy.concatenate([*self.times, self.final[0]]), numpy.concatenate([*self.values, self.final[1]])
 
 
 def integrate(piece: Piece, storage: Storage, scale: Array) -> Array:

@@ -11,9 +11,9 @@ from certify.simulate.plant import Array
 class Finding:
     """One comparison: the worst `value` found, the `limit` up to which it counts as agreement, and where that was.
 
-    `kind`: "model", "equilibrium", "storage", "dissipation", "energy balance", "region", "return". `unit` of both, ""
-    of shares. `state`: the one that shows it, in the order of the plant's states, at that time of the motion from
-    `start`, if that was not the start of the simulation.
+    `kind`: "model", "equilibrium", "storage", "dissipation", "energy balance", "midpoint balance", "region", "return".
+    `unit` of both, "" of shares. `state`: the one that shows it, in the order of the plant's states, at that time of
+    the motion from `start`, if that was not the start of the simulation.
     """
 
     kind: str

@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy
 
+from certify.crosscheck.audit import audit_balance
 from certify.crosscheck.claimed import Claimed
 from certify.crosscheck.energy import Storage, Watch
 from certify.crosscheck.falsify import Attempts, Falsifier
 from certify.crosscheck.findings import Finding
 from certify.crosscheck.model import compare_loads, compare_model, compare_rest, find_reference
+from certify.inputs import decode_all
 from certify.kernel.check import check
-from certify.kernel.spec import decode
 from certify.phases import Phase
 from certify.simulate.motion import Piece, natural_sizes
 from certify.simulate.plant import Array, Plant
@@ -85,7 +86,7 @@ class CrossCheck:
         self.checked.append(checked)
         self._watch = None
         self._storages.append(None)
-        plant = Plant(decode(phase.spec), stage.numbers)
+        plant = Plant(decode_all(phase.spec), stage.numbers)
         claimed = Claimed(plant, certificate, verdict)
         rest = find_reference(claimed)
         checked.findings += compare_loads(claimed) + compare_rest(claimed, rest)
@@ -98,7 +99,9 @@ class CrossCheck:
         if not storage.first:
             checked.reason = "no island has a storage function that is proved for all of its DGUs"
         self._storages[-1] = storage
-        self._watch = Watch(storage, self.tolerance, natural_sizes(plant, rest))
+        sizes = natural_sizes(plant, rest)
+        checked.findings += audit_balance(storage, stage.first, sizes)
+        self._watch = Watch(storage, self.tolerance, sizes)
 
     def _close(self) -> None:
         watch = self._watch

@@ -30,6 +30,7 @@ KINDS = {
     "dissipation": "dissipation of each part",
     "storage": "H does not grow",
     "energy balance": "energy balance",
+    "midpoint balance": "the same, by midpoints",
     "region": "region is not left",
     "return": "motion returns",
 }

@@ -14,6 +14,7 @@ from certify.inputs import read
 from certify.jumps import Jump, find_jumps
 from certify.kernel.spec import decode
 from certify.phases import Phase, read_phases
+from certify.report.events import event_in_words
 from certify.report.files import check_folder, write_folder
 from certify.report.layout import table
 from certify.report.machine import verdict_to_dict
@@ -150,7 +151,7 @@ def _render_phase(entry: ProvedPhase, every_claim: bool, colour: bool) -> list[s
     settled = sum(claim.status == "proved" for claim in verdict.claims)
     word = paint(verdict.outcome, colour, verdict.outcome.upper())
     lines = [f"phase {phase.number}, {phase.span}: {word}, {settled} of {len(verdict.claims)} claims proved"]
-    lines += [f"  {_render_event(event)}" for event in phase.events]
+    lines += [f"  {event_in_words(event)}" for event in phase.events]
     if phase.off:
         lines.append(f"  off: {', '.join(phase.off)}")
     lines += [f"  {_render_jump(jump)}" for jump in entry.jumps[:SHOWN_ISLANDS]]
@@ -161,24 +162,6 @@ def _render_phase(entry: ProvedPhase, every_claim: bool, colour: bool) -> list[s
         lines.append(table(((c.status, c.id, c.rule or "-", c.statement) for c in verdict.claims), "    "))
     found = open_claims(verdict, entry.certificate.notes, colour)
     return [*lines, *(f"    {line}".rstrip() for line in found)]
-
-
-def _render_event(event: Event) -> str:
-    """What happens, in words.
-
-    >>> from fractions import Fraction
-    >>> _render_event(Event(Fraction(1), "connect", "load", "8", index=2))
-    'load 2 at node 8 connects'
-    """
-    what = f"{event.part} {event.target}" if event.index is None else str(event.switched)
-    if event.action == "load":
-        return f"{what} changes: {', '.join(key for key, _ in event.coefficients)}"
-    if event.reference_volt is not None:
-        d, q = (approximate(x) for x in event.reference_volt)
-        return f"{what} gets another reference: {d} V, {q} V"
-    if event.controller is not None:
-        return f"{what} gets another controller: {event.controller}"
-    return f"{what} {event.action}s{', its filter discharged' if event.discharged else ''}"
 
 
 def _event_to_dict(event: Event) -> dict[str, Any]:

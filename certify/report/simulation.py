@@ -29,6 +29,7 @@ from certify.report.crosscheck import (
     storage_curve,
     to_dict,
 )
+from certify.report.events import event_in_words
 from certify.report.files import check_folder, write_folder
 from certify.report.layout import table
 from certify.report.text import paint
@@ -36,7 +37,7 @@ from certify.samples import SUFFIXES, read_state, write_samples
 from certify.settling import DguCourse, PhaseCourse, Watch
 from certify.simulate.motion import Piece
 from certify.simulate.plant import Array
-from certify.simulate.scenario import STARTS, Event
+from certify.simulate.scenario import STARTS
 from certify.simulation import Course, Simulation, Stage, simulate
 
 SIMULATED, DIVERGED = 0, 3  # exit codes: no float refutes anything
@@ -359,16 +360,6 @@ def _render_settling(entry: PhaseCourse, dgu: DguCourse) -> str:
         return "not by the end"
     at, number = dgu.later
     return f"not by the end; after {at - float(entry.phase.start_second):.5g} s, in phase {number}"
-
-
-def event_in_words(event: Event) -> str:
-    """What happens at an event."""
-    index = getattr(event, "index", None)
-    where = event.target if event.part != "load" else f"{'' if index is None else f'{index} '}at node {event.target}"
-    what = f"{event.part} {where}"
-    if event.action == "load":
-        return f"{what} changes: {', '.join(key for key, _ in event.coefficients)}"
-    return f"{what} {event.action}s" if event.action.endswith("connect") else f"{what} gets another {event.action}"
 
 
 def _followed(simulation: Simulation, entry: PhaseCourse) -> dict[str, Any]:

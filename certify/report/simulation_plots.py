@@ -22,6 +22,7 @@ DASHES: tuple[Any, ...] = ("-", "-", "-", "-", "-", "-", (0, (5, 1.6)), (0, (1, 
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 ZOOM = 5  # bands in each direction
 LABELLED_EVENTS = 6  # more are lines without text
+GLYPH = 0.0078  # width of a character of such text, as a share of the panel's
 OFF = complex(numpy.nan, numpy.nan)
 Storage = tuple[Array, Array, str]  # times in s, H in J, what is said of it
 
@@ -43,13 +44,17 @@ def draw_figures(
     V = {name: simulation.phasor("voltage", name) for name in names}
     references = _references(simulation.times, phases, names)
     errors = {name: V[name] - references[name] for name in names}
-    for name in names:  # where a DGU is off, its node's voltage is not its own
-        V[name] = numpy.where(numpy.isnan(references[name]), OFF, V[name])
+    idle = {}  # where a DGU is off, its node's voltage is not its own
+    for name in names:
+        off = numpy.isnan(references[name])
+        if off.any() and numpy.isfinite(V[name][off]).any():
+            idle[name] = numpy.where(off, V[name], OFF)
+        V[name] = numpy.where(off, OFF, V[name])
     band = max((dgu.band_volt for entry in phases for dgu in entry.dgus), default=1.0)
     events = _events(phases)
     with style():
         figures = {
-            "voltages": _voltages(simulation.times, V, elsewhere, events, title),
+            "voltages": _voltages(simulation.times, V, idle, elsewhere, events, title),
             "errors": _errors(simulation.times, errors, band, events, title),
         }
         finals = [max(map(abs, dgu.final_volt)) for entry in phases for dgu in entry.dgus]
@@ -98,7 +103,7 @@ def _references(times: Array, phases: Sequence[PhaseCourse], names: Sequence[str
 
 
 def _events(phases: Sequence[PhaseCourse]) -> list[tuple[float, str]]:
-    from certify.report.simulation import event_in_words
+    from certify.report.events import event_in_words
 
     found = []
     for entry in phases:
@@ -121,16 +126,14 @@ def _frame(rows: int, times: Array, events: Sequence[tuple[float, str]], title: 
         ax.set_xlim(float(times[0]), float(times[-1]))
         for at, _ in events:
             ax.axvline(at, color="#8C8C8C", linewidth=0.8, linestyle=(0, (4, 2)), zorder=0.5)
-    span = float(times[-1] - times[0])
-    for at, text in events if len(events) <= LABELLED_EVENTS else ():
-        right = at > times[0] + 0.75 * span  # else the text would leave the picture
+    for (at, text), (side, level) in zip(events, _label_places(times, events), strict=False):
         axes[0].annotate(
             text,
             (at, 1.0),
             xycoords=("data", "axes fraction"),
-            xytext=(-2 if right else 2, 2 + 9 * (events.index((at, text)) % 2)),
+            xytext=(2 * side, 2 + 9 * level),
             textcoords="offset points",
-            ha="right" if right else "left",
+            ha="left" if side > 0 else "right",
             va="bottom",
             fontsize=7.5,
             color="#595959",
@@ -138,6 +141,23 @@ def _frame(rows: int, times: Array, events: Sequence[tuple[float, str]], title: 
         )
     axes[-1].set_xlabel("time (s)")
     return figure, axes
+
+
+def _label_places(times: Array, events: Sequence[tuple[float, str]]) -> list[tuple[int, int]]:
+    """On which side of its line, 1 or -1, and in which row the text of each event has room; none if there are many."""
+    if len(events) > LABELLED_EVENTS:
+        return []
+    places: list[tuple[int, int]] = []
+    ends: list[list[tuple[float, float]]] = []  # of the texts in each row, as shares of the width
+    for at, text in events:
+        width, x = GLYPH * len(text), (at - float(times[0])) / float(times[-1] - times[0])
+        side = -1 if x + width > 1 else 1  # else the text would leave the picture
+        left, right = sorted((x, x + side * width))
+        level = next((k for k, row in enumerate(ends) if all(right < a or left > b for a, b in row)), len(ends))
+        ends += [[]] * (level == len(ends))
+        ends[level] = [*ends[level], (left, right)]
+        places.append((side, level))
+    return places
 
 
 def _draw(ax: Axes, times: Array, curves: Mapping[str, Array], label: str) -> None:
@@ -182,6 +202,7 @@ def _finish(figure: Figure, axes: Sequence[Axes]) -> Figure:
 def _voltages(
     times: Array,
     V: Mapping[str, Any],
+    idle: Mapping[str, Any],
     others: Mapping[str, Array],
     events: Sequence[tuple[float, str]],
     title: str,
@@ -189,6 +210,11 @@ def _voltages(
     figure, axes = _frame(2 + bool(others), times, events, f"Voltages: {title}")
     for k, axis in enumerate(AXES):
         _draw(axes[k], times, {name: (x.real, x.imag)[k] / 1e3 for name, x in V.items()}, "DGU")
+        for j, name in enumerate(V if len(V) <= NAMED else ()):
+            if name in idle:
+                told = "while its DGU is off"
+                y = (idle[name].real, idle[name].imag)[k] / 1e3
+                axes[k].plot(times, y, color=COLOURS[j], linestyle=(0, (1, 1.2)), linewidth=1.1, label=told)
         axes[k].set_ylabel(f"V {axis} at DGUs (kV)")
     if others:
         stacked = numpy.stack([*others.values()]) / 1e3
@@ -257,7 +283,8 @@ def _storage(storage: Storage, events: Sequence[tuple[float, str]], title: str) 
     figure, (ax,) = _frame(1, times, events, f"Storage: {title}")
     figure.set_size_inches(8.4, 4.4)
     positive = H[numpy.isfinite(H) & (H > 0)]
-    ax.plot(times, H, color=COLOURS[0], linewidth=1.4, label=label)
+    breaks = numpy.searchsorted(times, [at for at, _ in events])  # H jumps there, and does not grow towards it
+    ax.plot(numpy.insert(times, breaks, numpy.nan), numpy.insert(H, breaks, numpy.nan), color=COLOURS[0], label=label)
     if len(positive):
         ax.set_yscale("log")
         low, high = float(positive.min()), float(positive.max())

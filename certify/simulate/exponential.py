@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy
 import scipy.linalg
@@ -17,16 +18,16 @@ from numpy.polynomial import chebyshev, legendre
 
 from certify.simulate.compiled import compiled
 from certify.simulate.flow import Flow
+from certify.simulate.loads import draw
 from certify.simulate.plant import Array, Phasors, to_phasors
 
 POINTS = 12  # of a window, both ends included
-QUADRATURE = 40
+QUADRATURES = ((4.0, 14), (24.0, 36))  # |lambda h| up to which so many nodes are enough; beyond, see `_steady`
 SWEEPS = 12
 SETTLED = 0.05  # of the tolerance: a change from one sweep to the next with which they end
 HONEST = 8.0  # how many times the error the estimate of it may be: measured
 DEEPEST = 44  # the shortest window is the span by two to this
 FIRST = 8.0  # |lambda h| of the fastest mode in the first window
-SMALL = 24.0  # |lambda h| up to which weights come from quadrature; beyond, from a polynomial solution
 SMOOTH = 4.0  # |lambda h| up to which a mode is interpolated between the points of a window
 
 
@@ -35,10 +36,9 @@ class _Rule:
     """What depends on the number of points only; time runs from 0 to 1."""
 
     points: Array
-    differentiate: Array
-    inside: Array  # (points, points, quadrature): the Lagrange polynomials between 0 and each point
-    shares: Array  # quadrature nodes of (0, 1)
-    weights: Array
+    values: Array  # of the Chebyshev polynomials at the points, (points, degrees)
+    coefficients: Array  # their inverse: the Lagrange polynomials
+    slopes: Array  # coefficients to those of the derivative, strictly upper triangular
     high: Array  # values of the part of the two highest degrees
     barycentric: Array
 
@@ -46,56 +46,119 @@ class _Rule:
 @lru_cache(maxsize=4)
 def _rule(q: int) -> _Rule:
     k = numpy.arange(q)
-    angles = numpy.pi * k / (q - 1)
-    points = (1 - numpy.cos(angles)) / 2
-    to_coefficients = numpy.linalg.inv(chebyshev.chebvander(2 * points - 1, q - 1))
-    nodes, weights = legendre.leggauss(QUADRATURE)
-    shares, weights = (nodes + 1) / 2, weights / 2
-    places = points[:, None] * shares[None, :]
-    inside = numpy.einsum("igc,cj->igj", chebyshev.chebvander(2 * places - 1, q - 1), to_coefficients)
-    slopes = numpy.stack(
-        [2 * chebyshev.chebval(2 * points - 1, chebyshev.chebder(c)) for c in to_coefficients.T], axis=1
-    )
-    high = chebyshev.chebvander(2 * points - 1, q - 1)[:, -2:] @ to_coefficients[-2:]
+    points = (1 - numpy.cos(numpy.pi * k / (q - 1))) / 2
+    values = chebyshev.chebvander(2 * points - 1, q - 1)
+    coefficients = numpy.linalg.inv(values)
+    slopes = numpy.zeros((q, q))
+    for n in range(1, q):
+        slopes[:n, n] = 2 * chebyshev.chebder(numpy.eye(q)[n])[:n]
     signs = (-1.0) ** k
     signs[[0, -1]] /= 2
-    return _Rule(points, slopes, inside, shares, weights, high, signs)
+    return _Rule(points, values, coefficients, slopes, values[:, -2:] @ coefficients[-2:], signs)
 
 
-def _weights(z: Phasors, rule: _Rule) -> tuple[Phasors, Phasors]:
-    """Of each mode z = lambda h: integrals of e^(z (c_i - s)) l_j(s) from 0 to c_i, and the polynomial solutions.
+@lru_cache(maxsize=8)
+def _quadrature(q: int, nodes: int) -> tuple[Array, Array]:
+    """For integrals from 0 to each point: how far before it the nodes are, and Lagrange polynomials by weights.
 
-    Shapes (points, points, modes) twice. The second, R with R' = z R + l_j, is zero where it is not used.
+    Shapes (points, nodes) and (points, nodes, points).
     """
-    q, n = len(rule.points), len(z)
-    W, R = numpy.zeros((2, q, q, n), dtype=complex)
-    small = numpy.abs(z) <= SMALL
-    if small.any():
-        reach = rule.points[:, None] * (1 - rule.shares)[None, :]
-        grown = numpy.exp(reach[:, None, :] * z[small][None, :, None]) * rule.weights
-        W[:, :, small] = (grown @ rule.inside * rule.points[:, None, None]).transpose(0, 2, 1)
-    rough = numpy.abs(z) > SMOOTH
-    if rough.any():
-        systems = rule.differentiate[None, :, :] - z[rough][:, None, None] * numpy.eye(q)[None, :, :]
-        R[:, :, rough] = numpy.linalg.inv(systems).transpose(1, 2, 0)
-    large = ~small
-    W[:, :, large] = R[:, :, large] - numpy.exp(rule.points[:, None, None] * z[large]) * R[:1][:, :, large]
-    return W, R
+    rule = _rule(q)
+    x, weights = legendre.leggauss(nodes)
+    shares, weights = (x + 1) / 2, weights / 2
+    places = rule.points[:, None] * shares[None, :]
+    inside = chebyshev.chebvander(2 * places - 1, q - 1) @ rule.coefficients
+    return rule.points[:, None] - places, inside * weights[None, :, None] * rule.points[:, None, None]
+
+
+def _weights(z: Phasors) -> Phasors:
+    """Of each mode z = lambda h: integrals of e^(z (c_i - s)) l_j(s) from 0 to c_i. Shape (points, points, modes)."""
+    rule, size = _rule(POINTS), numpy.abs(z)
+    W = numpy.empty((POINTS, POINTS, len(z)), dtype=complex)
+    least = -1.0
+    for most, nodes in QUADRATURES:
+        some = (size > least) & (size <= most)
+        if some.any():
+            before, inside = _quadrature(POINTS, nodes)
+            grown = numpy.exp(before[:, None, :] * z[some][None, :, None])
+            W[:, :, some] = (grown @ inside).transpose(0, 2, 1)
+        least = most
+    large = size > least
+    if large.any():
+        R = _steady(z[large])
+        W[:, :, large] = R - numpy.exp(rule.points[:, None, None] * z[large]) * R[:1]
+    return W
+
+
+def _steady(z: Phasors) -> Phasors:
+    """The polynomials R with R' = z R + l_j, at the points. Shape (points, points, modes)."""
+    rule = _rule(POINTS)
+    C = _solved(rule.slopes, rule.coefficients, z).reshape(POINTS, -1)
+    return (rule.values.astype(complex) @ C).reshape(POINTS, POINTS, len(z))
 
 
 @compiled
-def _sweep(grown: Phasors, forces: Phasors, W: Phasors, h: float) -> Phasors:
-    """The modes at the points of a window under given forces. Shapes (q, m), (q, m), (q, q, m)."""
-    return grown + h * (W * forces).sum(axis=1)
+def _solved(slopes: Array, coefficients: Array, z: Phasors) -> Phasors:
+    """The coefficients of R: highest degrees first, because nothing is a derivative of anything higher."""
+    q = len(slopes)
+    C = numpy.zeros((q, q, len(z)), dtype=numpy.complex128)
+    for n in range(q - 1, -1, -1):
+        for k in range(n + 1, q, 2):  # the slope of a polynomial that is even is odd
+            C[n] += slopes[n, k] * C[k]
+        C[n] = (C[n] - coefficients[n].reshape(-1, 1)) / z
+    return C
 
 
 @compiled
-def _remainder(
-    V: Phasors, drawn: Phasors, reference: Phasors, straight: Phasors, turned: Phasors, at: Phasors
-) -> Phasors:
-    """What loads draw beside the linear law i + a dV + b conj(dV): with its sign as a force."""
-    off = V - reference
-    return at + straight * off + turned * numpy.conj(off) - drawn
+def _parts(y: Phasors) -> Array:
+    """Real and imaginary parts next to each other, along the last axis. (.., m) to (.., 2 m)."""
+    out = numpy.empty((y.shape[0], 2 * y.shape[1]))
+    out[:, ::2] = y.real
+    out[:, 1::2] = y.imag
+    return out
+
+
+@compiled
+def _forces(y: Phasors, linear: Any, tables: Any) -> Phasors:
+    """What drives the modes beside their own decay: the rest of the loads, and a constant. (q, m) to the same.
+
+    Loads draw i + a dV + b conj(dV) by the linear law at the origin, which the modes have already.
+    """
+    seen, entry, constant, reference, straight, turned, drawn = linear
+    pairs = _parts(y) @ seen
+    off = pairs[:, ::2] + 1j * pairs[:, 1::2]
+    rest = drawn + straight * off + turned * numpy.conj(off) - draw(reference + off, *tables)
+    entered = _parts(rest) @ entry
+    return entered[:, ::2] + 1j * entered[:, 1::2] + constant
+
+
+@compiled
+def _settle(
+    y: Phasors, h: float, level: Any, high: Array, linear: Any, tables: Any, shapes: Any, weights: Array
+) -> tuple[bool, float, Phasors, Phasors, Phasors]:
+    """Sweeps over a window from the modes y until its end settles, weights being the error that a window may add.
+
+    Returns whether it does, its error as a share of that, the modes at the points without forces and with them, (q, m),
+    and these.
+    """
+    E, W = level
+    parts, sizes = shapes
+    grown = E * y
+    values, forces = grown, grown
+    previous = numpy.inf
+    for _ in range(SWEEPS):
+        forces = _forces(values, linear, tables)
+        new = grown + h * (W * forces).sum(axis=1)
+        change = (numpy.abs(_parts(new[-1:] - values[-1:]) @ parts)[0] / weights).max()
+        values = new
+        if not change < 1e3 * previous:  # it grows, or is no number
+            break
+        if change <= SETTLED:
+            # sizes are added up: what is left out is like the highest degrees in size, and not in its signs
+            left_out = h * (numpy.abs(W[-1]) * numpy.abs(high @ forces)).sum(axis=0)
+            return True, (sizes @ left_out / weights).max() / HONEST, grown, values, forces
+        previous = change
+    return False, numpy.inf, grown, values, forces
 
 
 class Modes:
@@ -110,46 +173,52 @@ class Modes:
         values, vectors = scipy.linalg.eig(jacobian / scale[:, None] * scale[None, :])
         # LAPACK has conjugate pairs next to each other, the one above the axis first
         keep = values.imag >= 0
-        self.condition = float(numpy.linalg.cond(vectors))
-        left = numpy.linalg.inv(vectors) / scale[None, :]
+        inverse = numpy.linalg.inv(vectors)
+        self.condition = float(numpy.linalg.norm(vectors, 1) * numpy.linalg.norm(inverse, 1))
+        left = inverse / scale[None, :]
         vectors = vectors * scale[:, None]
         self.values = values[keep]
         self.shapes = numpy.where(self.values.imag > 0, 2.0, 1.0) * vectors[:, keep]
         self.left = left[keep]
-        self.shapes_real = numpy.ascontiguousarray(_as_real(self.shapes).T)  # (2 m, n), from interleaved parts
+        self.parts = numpy.ascontiguousarray(_as_real(self.shapes).T)  # (2 m, n), from interleaved parts
         self.sizes = numpy.abs(self.shapes)
-        self.seen_real = numpy.ascontiguousarray(_as_real(plant.S @ self.shapes).T)
-        self.entry_real = numpy.ascontiguousarray((self.left @ plant.D.toarray()).T).view(float)
-        self.constant = self.left @ flow.rates(origin)
-        self.V = to_phasors(plant.S @ origin + plant.s)
+        V = to_phasors(plant.S @ origin + plant.s)
         # J dV of a real matrix J as straight dV + turned conj(dV)
-        dd, dq, qd, qq = plant.loads.slopes(self.V).reshape(-1, 4).T.astype(complex)
-        self.straight, self.turned = (dd + qq + 1j * (qd - dq)) / 2, (dd - qq + 1j * (qd + dq)) / 2
-        self.drawn = plant.loads.currents(self.V[None, :])[0]
-        self._levels: dict[float, tuple[Phasors, Phasors, Phasors]] = {}
+        dd, dq, qd, qq = plant.loads.slopes(V).reshape(-1, 4).T.astype(complex)
+        self.linear = (
+            numpy.ascontiguousarray(_as_real(plant.S @ self.shapes).T),
+            numpy.ascontiguousarray((self.left @ plant.D.toarray()).T).view(float),
+            self.left @ flow.rates(origin),
+            V,
+            (dd + qq + 1j * (qd - dq)) / 2,
+            (dd - qq + 1j * (qd + dq)) / 2,
+            plant.loads.currents(V[None, :])[0],
+        )
+        loads = plant.loads
+        self.tables = loads.zips, loads.exps, loads.formulas, loads.terms
+        self._levels: dict[float, tuple[Phasors, Phasors]] = {}
+        self._steady: dict[float, tuple[Any, Phasors]] = {}
 
-    def level(self, h: float) -> tuple[Phasors, Phasors, Phasors]:
+    def level(self, h: float) -> tuple[Phasors, Phasors]:
         """Growth over a window and its weights, for one length of windows."""
         if h not in self._levels:
-            rule = _rule(POINTS)
             z = self.values * h
-            self._levels[h] = (numpy.exp(rule.points[:, None] * z[None, :]), *_weights(z, rule))
+            self._levels[h] = numpy.exp(_rule(POINTS).points[:, None] * z[None, :]), _weights(z)
         return self._levels[h]
+
+    def steady(self, h: float) -> tuple[Any, Phasors]:
+        """Which modes are no polynomials over a window, and what forces alone make of them: see `_steady`."""
+        if h not in self._steady:
+            rough = numpy.abs(self.values * h) > SMOOTH
+            self._steady[h] = rough, _steady(self.values[rough] * h)
+        return self._steady[h]
 
     def to_modes(self, x: Array) -> Phasors:
         return self.left @ (x - self.origin)
 
     def to_states(self, y: Phasors) -> Array:
         """States of modes. Shape (.., m) to (.., n)."""
-        return self.origin + numpy.ascontiguousarray(y).view(float) @ self.shapes_real
-
-    def forces(self, y: Phasors) -> Phasors:
-        """What drives the modes beside their own decay: the rest of the loads, and a constant. (q, m) to the same."""
-        if not self.V.size:
-            return numpy.broadcast_to(self.constant, y.shape).copy()
-        V = self.V + (y.view(float) @ self.seen_real).view(complex)
-        n = _remainder(V, self.flow.plant.loads.currents(V), self.V, self.straight, self.turned, self.drawn)
-        return (n.view(float) @ self.entry_real).view(complex) + self.constant
+        return self.origin + numpy.ascontiguousarray(y).view(float) @ self.parts
 
 
 @dataclass(frozen=True)
@@ -182,10 +251,9 @@ class Window:
         growth = numpy.exp(share[:, None] * z)
         between = _interpolation(_rule(POINTS), share)
         forced = between @ (self.values - self.grown)
-        rough = numpy.abs(z) > SMOOTH
+        rough, R = self.modes.steady(self.length)
         if rough.any():  # no polynomial, but the sum of one and of what decays from it
-            _, _, R = self.modes.level(self.length)
-            steady = self.length * (R[:, :, rough] * self.forces[:, rough]).sum(axis=1)
+            steady = self.length * (R * self.forces[:, rough]).sum(axis=1)
             forced[:, rough] = between @ steady - growth[:, rough] * steady[0]
         return growth * self.values[0] + forced
 
@@ -255,27 +323,17 @@ class Exponential:
     def _attempt(self, h: float, weights: Array) -> tuple[Window | None, float]:
         """A window of one length, None if the sweeps do not settle, and its error as a share of the tolerance."""
         modes = self.modes
-        E, W, _ = modes.level(h)
-        grown = E * self.y
-        values, previous = grown, numpy.inf
-
-        def size(y: Phasors) -> float:
-            return float(numpy.abs(y.view(float) @ modes.shapes_real / weights).max(initial=0.0)) / self.tolerance
-
-        for _ in range(SWEEPS):
-            forces = modes.forces(values)
-            new = _sweep(grown, forces, W, h)
-            change = size(new[-1] - values[-1])
-            values = new
-            if not change < 1e3 * previous:  # it grows, or is no number
-                return None, numpy.inf
-            if change <= SETTLED:
-                # sizes are added up: what is left out is like the highest degrees in size, and not in its signs
-                left_out = h * (numpy.abs(W[-1]) * numpy.abs(_rule(POINTS).high @ forces)).sum(axis=0)
-                error = float((modes.sizes @ left_out / weights).max(initial=0.0)) / (HONEST * self.tolerance)
-                return Window(modes, self.time, h, grown, values, forces), error
-            previous = change
-        return None, numpy.inf
+        settled, error, grown, values, forces = _settle(
+            self.y,
+            h,
+            modes.level(h),
+            _rule(POINTS).high.astype(complex),
+            modes.linear,
+            modes.tables,
+            (modes.parts, modes.sizes),
+            self.tolerance * weights,
+        )
+        return (Window(modes, self.time, h, grown, values, forces) if settled else None), float(error)
 
 
 def _as_real(shapes: Phasors) -> Array:

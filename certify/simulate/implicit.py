@@ -19,7 +19,9 @@ from certify.simulate.flow import Flow
 from certify.simulate.nodal import Loads, Nodal, Shifted
 from certify.simulate.plant import Array, Phasors
 
-STAGES = 11
+STAGES = (
+    11  # 300 nodes ringing for 50 ms at 1e-6: 2.2 s with 5, 1.5 s with 7, 1.1 s with 9, 0.93 s with 11, 0.94 s with 13
+)
 UNITS = 1 << 53  # windows are whole multiples of the span by this
 ITERATIONS = 10
 SETTLED = 0.03  # of the tolerance: a change of the states with which iterations end

@@ -13,7 +13,6 @@ from certify.simulate.compiled import compiled
 
 Array = NDArray[numpy.floating[Any]]
 Phasors = NDArray[numpy.complex128]
-Polynomial = list[tuple[int, int, float]]  # i, j, c of c Vd^i Vq^j
 Table = tuple[Any, Phasors, Array]
 FLOOR = 0.01  # of the upper end of the band: where a load without a cut-off becomes an impedance in simulations
 
@@ -23,7 +22,9 @@ class StaticLoads:
 
     `zips` and `exps` are layers: each has one load at most of a node, as positions of nodes, complex coefficients and
     real ones. Below its cut-off a load is the impedance that it is there; one without a cut-off has that at `FLOOR`,
-    because a constant power has no meaning at no voltage. Currents given by formulas of Vd and Vq are beside them.
+    because a constant power has no meaning at no voltage. `formulas` has the currents that are given by formulas of Vd
+    and Vq: of each the position, and its terms c Vd^i Vq^j as rows (which, i, j, c), which being 0 and 1 for the
+    numerators of I_d and I_q and 2 for their denominator. There is a layer of each, if need be an empty one.
     """
 
     def __init__(self, nodes: Sequence[Node]) -> None:
@@ -33,19 +34,13 @@ class StaticLoads:
         lows = [FLOOR * float(node.band_volt[1]) if node.band_volt else 0.0 for node in nodes]
         self.zips: tuple[Table, ...] = tuple(_zip_table(layer) for layer in _layers(loads, lows))
         self.exps: tuple[Table, ...] = tuple(_exp_table(layer) for layer in _layers(others, lows))
-        self.formulas = [(k, _polynomials(node)) for k, node in enumerate(nodes) if node.current]
+        given = [(k, node) for k, node in enumerate(nodes) if node.current]
+        self.formulas = numpy.array([k for k, _ in given], dtype=numpy.int64)
+        self.terms = tuple(_terms(node) for _, node in given) or (numpy.zeros((0, 4)),)
 
     def currents(self, V: Phasors) -> Phasors:
         """What is drawn at each node, in ampere. Shape (m, k) of voltages at m times to the same."""
-        total = numpy.zeros_like(V)
-        for at, loads, cutoff in self.zips:
-            add_zips(V, at, loads, cutoff, total)
-        for at, loads, numbers in self.exps:
-            add_exps(V, at, loads, numbers, total)
-        for k, (d, q, below) in self.formulas:
-            x, y = V[:, k].real, V[:, k].imag
-            total[:, k] += (_value(d, x, y) + 1j * _value(q, x, y)) / _value(below, x, y)
-        return total
+        return draw(V, self.zips, self.exps, self.formulas, self.terms)
 
     def slopes(self, V: Phasors) -> Array:
         """d (I_d, I_q) / d (V_d, V_q) at each node, in siemens. Shape (k,) to (k, 2, 2).
@@ -69,9 +64,22 @@ class StaticLoads:
         J = numpy.empty((self.size, 2, 2))
         J[:, 0, 0], J[:, 1, 0] = (Y + with_d).real, (Y + with_d).imag
         J[:, 0, 1], J[:, 1, 1] = (1j * Y + with_q).real, (1j * Y + with_q).imag
-        for k, polynomials in self.formulas:
-            J[k] += _formula_slope(polynomials, float(V[k].real), float(V[k].imag))
+        for k, terms in zip(self.formulas, self.terms, strict=False):
+            J[k] += _formula_slope(terms, float(V[k].real), float(V[k].imag))
         return J
+
+
+@compiled
+def draw(V: Phasors, zips: Any, exps: Any, formulas: Any, terms: Any) -> Phasors:
+    """What all loads draw, in ampere; the tables are those of `StaticLoads`. Shape (m, k) to the same."""
+    total = numpy.zeros_like(V)
+    for at, loads, cutoff in zips:
+        add_zips(V, at, loads, cutoff, total)
+    for at, loads, numbers in exps:
+        add_exps(V, at, loads, numbers, total)
+    for n in range(len(formulas)):
+        add_formula(V, formulas[n], terms[n], total)
+    return total
 
 
 @compiled
@@ -93,6 +101,16 @@ def add_exps(V: Phasors, at: Any, loads: Phasors, numbers: Array, total: Phasors
     total[:, at] += (loads[:, 0] * u ** numbers[:, 1] + loads[:, 1] * u ** numbers[:, 2]) / (v * v) * own
 
 
+@compiled
+def add_formula(V: Phasors, at: int, terms: Array, total: Phasors) -> None:
+    """Add a current that is given by a formula: numerators by their denominator."""
+    x, y = V[:, at].real, V[:, at].imag
+    sums = numpy.zeros((3, len(x)))
+    for n in range(len(terms)):
+        sums[int(terms[n, 0])] += terms[n, 3] * x ** terms[n, 1] * y ** terms[n, 2]
+    total[:, at] += (sums[0] + 1j * sums[1]) / sums[2]
+
+
 def _clipped(v: Array, cutoff: Array) -> tuple[Array, NDArray[numpy.bool_]]:
     """The voltage at which the admittance of a load is taken, infinite for none; and whether that is its own."""
     u = numpy.maximum(v, cutoff)
@@ -101,7 +119,7 @@ def _clipped(v: Array, cutoff: Array) -> tuple[Array, NDArray[numpy.bool_]]:
 
 def _layers(loads: Sequence[Sequence[Any]], lows: Sequence[float]) -> list[list[tuple[int, Any, float]]]:
     """The first loads of all nodes, the second ones, and so on, each with the position of its node and its cut-off."""
-    depth = max(map(len, loads), default=0)
+    depth = max(1, *map(len, loads)) if loads else 1
     return [
         [(k, own[n], float(own[n].cutoff_volt or lows[k])) for k, own in enumerate(loads) if len(own) > n]
         for n in range(depth)
@@ -110,33 +128,36 @@ def _layers(loads: Sequence[Sequence[Any]], lows: Sequence[float]) -> list[list[
 
 def _zip_table(layer: list[tuple[int, Any, float]]) -> Table:
     rows = [[complex(float(p), -float(q)) for p, q in (x.Y, x.I, x.P)] for _, x, _ in layer]
-    return numpy.array([k for k, _, _ in layer]), numpy.array(rows), numpy.array([[low] for _, _, low in layer])
+    lows = [[low] for _, _, low in layer]
+    return _positions(layer), numpy.array(rows, dtype=complex).reshape(-1, 3), numpy.array(lows).reshape(-1, 1)
 
 
 def _exp_table(layer: list[tuple[int, Any, float]]) -> Table:
     rows = [[complex(float(x.P0_watt)), complex(0, -float(x.Q0_var))] for _, x, _ in layer]
     numbers = [[float(x.V0_volt), float(x.np), float(x.nq), low] for _, x, low in layer]
-    return numpy.array([k for k, _, _ in layer]), numpy.array(rows), numpy.array(numbers)
+    return _positions(layer), numpy.array(rows, dtype=complex).reshape(-1, 2), numpy.array(numbers).reshape(-1, 4)
 
 
-def _polynomials(node: Node) -> tuple[Polynomial, ...]:
-    """Numerators of I_d and I_q, and their denominator, of a load given by formulas of its current."""
+def _positions(layer: list[tuple[int, Any, float]]) -> Any:
+    return numpy.array([k for k, _, _ in layer], dtype=numpy.int64)
+
+
+def _terms(node: Node) -> Array:
+    """The terms of a load given by formulas of its current: rows (which, i, j, c)."""
     law = node.current.law if node.current else None
     if law is None:
         raise ValueError("no load of this node is given by its current")
-    return tuple([(i, j, float(c)) for (i, j), c in p] for p in (*law.numerators, law.denominator))
+    parts = enumerate((*law.numerators, law.denominator))
+    return numpy.array([[which, i, j, float(c)] for which, part in parts for (i, j), c in part], dtype=float)
 
 
-def _value(polynomial: Polynomial, x: Any, y: Any) -> Any:
-    return sum((c * x**i * y**j for i, j, c in polynomial), 0.0 * x)
-
-
-def _formula_slope(polynomials: tuple[Polynomial, ...], x: float, y: float) -> Array:
+def _formula_slope(terms: Array, x: float, y: float) -> Array:
     """The Jacobian of (numerators / denominator) at one voltage, by the quotient rule."""
-    n, g = numpy.array([_value(p, x, y) for p in polynomials[:2]]), _value(polynomials[2], x, y)
-    by_x, by_y = (
-        [[(i - a, j - b, c * (i if a else j)) for i, j, c in p if (i if a else j)] for p in polynomials]
-        for a, b in ((1, 0), (0, 1))
-    )
-    slopes = [[_value(p, x, y) for p in part] for part in (by_x, by_y)]
-    return numpy.array([(numpy.array(s[:2]) * g - n * s[2]) / g**2 for s in slopes]).T
+    sums = numpy.zeros((3, 3))  # values, and slopes by x and y, of both numerators and the denominator
+    for which, i, j, c in terms:
+        own = sums[int(which)]
+        own[0] += c * x**i * y**j
+        own[1] += c * i * x ** (i - 1) * y**j if i else 0.0
+        own[2] += c * j * x**i * y ** (j - 1) if j else 0.0
+    n, (g, *slopes) = sums[:2, 0], sums[2]
+    return numpy.array([(sums[:2, k + 1] * g - n * slope) / g**2 for k, slope in enumerate(slopes)]).T

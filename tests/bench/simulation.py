@@ -27,13 +27,13 @@ from scipy.sparse import csc_matrix
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent))  # so that it runs as a script
 
 from certify.inputs import decode_all
-from certify.phases import read_phases
 from certify.simulate.compiled import COMPILED
 from certify.simulate.flow import Flow, find_rest
 from certify.simulate.implicit import Collocation
 from certify.simulate.motion import Follower, natural_sizes
 from certify.simulate.plant import Plant
 from certify.simulate.starts import flat_state
+from certify.simulation import Course
 from tests.bench.networks import microgrid
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -41,7 +41,7 @@ SAMPLES = 1000
 Array = numpy.ndarray[Any, Any]
 Motion = Callable[[Array], Array]  # times that rise, (t,), to states, (t, n)
 OUR_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
-LEVELS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # errors at which times are compared
+LEVELS = (3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # errors at which times are compared
 STEPPED = 20.0  # kW more at one node in a hundred, for a step of loads
 
 
@@ -146,33 +146,46 @@ def of_steps(steps: Any, reference: Motion, largest: Array) -> float:
 # --- (a) the CIGRE feeder -----------------------------------------------------------------------------------
 
 
-def cigre_case() -> tuple[Plant, Array, float]:
-    """The harsh case: a flat start with DGU 5 off, 4 s."""
-    phase = read_phases((ROOT / "specs/cigre-mv.toml").read_bytes(), "plug-in")[0]
-    plant = Plant(decode_all(phase.spec))
-    return plant, flat_state(plant), float(phase.end_second - phase.start_second)
+def cigre_case() -> list[tuple[Plant, Array, float]]:
+    """The harsh case: a flat start with DGU 5 off, which connects at 4 s, two load steps, 8 s; phase by phase.
+
+    Each phase begins where a run at a tolerance of 1e-12 has come to, after the events.
+    """
+    course = Course((ROOT / "specs/cigre-mv.toml").read_bytes(), "plug-in")
+    course.start = "flat"
+    stages = {stage.phase.number: stage for stage, _ in course.motion(None, 1e-12)}
+    spans = [float(phase.end_second - phase.start_second) for phase in course.phases]
+    return [(stages[k].plant, stages[k].first, span) for k, span in enumerate(spans, 1)]
 
 
 def cigre(beside: bool) -> dict[str, Any]:
-    plant, x, span = cigre_case()
-    flow, times = Flow(plant, numpy.zeros(len(plant.limits))), sampled(span, 1e-7)
-    list(pieces(plant, x, 1e-3, 1e-5))  # what is compiled is compiled
-    reference = joined(list(pieces(plant, x, span, 1e-10)))
-    largest = moduli(plant, reference(times))
+    """Seconds and windows, or steps, of all phases together, and the largest error of any."""
+    phases = []
+    for plant, x, span in cigre_case():
+        reference, times = joined(list(pieces(plant, x, span, 1e-11))), sampled(span, 1e-7)
+        phases.append((plant, x, span, reference, times, moduli(plant, reference(times))))
     ours = []
     for tolerance in OUR_TOLERANCES:
-        seconds = []
-        for _ in range(2):
+        best = numpy.inf
+        for _ in range(3):
             started = time.perf_counter()
-            run = list(pieces(plant, x, span, tolerance))
-            seconds.append(time.perf_counter() - started)
-        error = float((numpy.abs(joined(run)(times) - reference(times)) / largest).max())
-        ours.append((error, min(seconds), len(run)))
+            runs = [list(pieces(plant, x, span, tolerance)) for plant, x, span, *_ in phases]
+            best = min(best, time.perf_counter() - started)
+        errors = [
+            (numpy.abs(joined(run)(times) - reference(times)) / largest).max()
+            for run, (*_, reference, times, largest) in zip(runs, phases, strict=True)
+        ]
+        ours.append((float(max(errors)), best, sum(map(len, runs))))
     theirs = []
     for tolerance in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9) if beside else ():
-        taken, steps = radau(flow, x, span, tolerance, largest, True)
-        theirs.append((of_steps(steps, reference, largest), taken, len(steps[0])))
-    return {"compiled": COMPILED, "ours": ours, "theirs": theirs, "span": span, "states": plant.size}
+        error, taken, steps = 0.0, 0.0, 0
+        for plant, x, span, reference, _, largest in phases:
+            flow = Flow(plant, numpy.zeros(len(plant.limits)))
+            seconds, own = radau(flow, x, span, tolerance, largest, True)
+            error, taken, steps = max(error, of_steps(own, reference, largest)), taken + seconds, steps + len(own[0])
+        theirs.append((error, taken, steps))
+    seconds = sum(span for _, _, span, *_ in phases)
+    return {"compiled": COMPILED, "ours": ours, "theirs": theirs, "span": seconds, "states": phases[-1][0].size}
 
 
 # --- (b), (c) large networks --------------------------------------------------------------------------------
@@ -302,7 +315,11 @@ def main() -> None:
     ]
     if "cigre" in parts:
         plain, fast = apart(False, "cigre(True)"), apart(True, "cigre(False)")
-        lines += ["", f"## The CIGRE feeder, flat start, DGU 5 off, {plain['span']:g} s, {plain['states']} states", ""]
+        lines += [
+            "",
+            f"## The CIGRE feeder, flat start, with all events, {plain['span']:g} s, {plain['states']} states",
+            "",
+        ]
         lines += ["Scipy's Radau has the exact Jacobian, dense. The exponential integrator without and with numba.", ""]
         lines += table(plain["theirs"], {"plain": plain, "compiled": fast})
     if "middle" in parts:
@@ -323,6 +340,13 @@ def main() -> None:
             lines += table(plain["theirs"], {"plain": plain, "compiled": fast})
     if "large" in parts:
         lines += ["", "## 10,000 nodes and lines, 1 s at a tolerance of 1e-6", ""]
+        lines += [
+            "Errors of states smaller than a hundredth of the largest natural size of their kind are relative to that;"
+        ]
+        lines += [
+            "the reference is a run of the same integrator at 1e-8. Memory is the peak of the process, the network included.",
+            "",
+        ]
         lines += ["| start | numba | states | windows | s | of CPU, s | memory, MiB | error against 1e-8 |"]
         lines += ["| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |"]
         for start in ("step", "flat"):
