@@ -35,7 +35,6 @@ from certify.kernel.check import check
 from certify.kernel.claims import Verdict
 from certify.kernel.errors import Rejected, RuleFailure
 from certify.kernel.spec import Microgrid, decode
-from certify.simulate import loads as simulated_loads
 from certify.simulate.motion import Diverged, Follower, Piece, natural_sizes
 from certify.simulate.plant import Array, Plant
 from tests.mutation_cases import EXEMPT, MOTION_SECOND, NUMBERS, OFFSETS, SPECS
@@ -131,8 +130,9 @@ FUNCTIONS: dict[str, tuple[str, ...]] = {
         "_layers",
         "_zip_table",
         "_exp_table",
-        "_polynomials",
-        "_value",
+        "draw",
+        "add_formula",
+        "_terms",
         "_formula_slope",
     ),
     "simulate.flow": (
@@ -503,16 +503,17 @@ def target(module: str, name: str) -> Target:
 
 
 @contextmanager
-def plain_loads() -> Iterator[None]:
-    """The loads of the simulator as Python, so that they can be changed."""
-    compiled = {name: getattr(simulated_loads, name) for name in ("add_zips", "add_exps")}
-    for name, function in compiled.items():
-        setattr(simulated_loads, name, getattr(function, "py_func", function))
+def uncompiled() -> Iterator[None]:
+    """The simulator's inner loops as Python, so that they can be changed."""
+    modules = [importlib.import_module(f"certify.simulate.{name}") for name in ("loads", "exponential")]
+    before = [(vars(home), name, f) for home in modules for name, f in vars(home).items() if hasattr(f, "py_func")]
+    for names, name, function in before:
+        names[name] = function.py_func
     try:
         yield
     finally:
-        for name, function in compiled.items():
-            setattr(simulated_loads, name, function)
+        for names, name, function in before:
+            names[name] = function
 
 
 # --- microgrids and what is compared on them -----------------------------------------------------------------------------
@@ -591,7 +592,8 @@ def case(name: str) -> Case:
     proved = prove(data)
     grid = decode(data)
     plant = Plant(grid, NUMBERS.get(name))
-    rest = comparisons.find_reference(Claimed(plant, proved.data, proved.verdict))
+    with uncompiled():
+        rest = comparisons.find_reference(Claimed(plant, proved.data, proved.verdict))
     assert rest is not None, f"the simulator finds no equilibrium of {name}"
     sizes = natural_sizes(plant, rest)
     rng = numpy.random.default_rng(3)
@@ -628,7 +630,7 @@ def coverage() -> dict[tuple[str, str], Coverage]:
     for each in cases():
         for side in (KERNEL, SIMULATOR):
             chosen = [key for key in TARGETS if (key[0].startswith("simulate")) == (side == SIMULATOR)]
-            with quiet(), plain_loads(), ExitStack() as stack:
+            with quiet(), uncompiled(), ExitStack() as stack:
                 for key in chosen:
                     stack.enter_context(target(*key).swapped(None, partial(_note, result[key], each.name)))
                 for _ in each.still(each.claimed(side), checked_again if side == KERNEL else None):
@@ -677,7 +679,7 @@ def judge(mutant: Mutant, first: Sequence[str] = (), thorough: bool = False) -> 
     own = target(mutant.module, mutant.function)
     names = coverage()[mutant.module, mutant.function].specs.get(mutant.index, set())
     order = [*(n for n in first if n in names), *(n for n in SPECS if n in names and n not in first)]
-    with quiet(), plain_loads(), own.swapped(mutant.index):
+    with quiet(), uncompiled(), own.swapped(mutant.index):
         for name in order:
             if seen := _look(case(name), mutant, thorough):
                 caught = next(iter(seen))

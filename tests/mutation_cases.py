@@ -221,11 +221,14 @@ EXEMPT: dict[str, tuple[str, ...]] = {
     "the same: an even power, the other index of two, both sides of a quotient or of an equation": (
         "kernel.model._as_admittance: Fraction(1) -> -Fraction(1)",
         "kernel.model._terms: 1 -> -1",
-        "simulate.loads._polynomials: float(c) -> -float(c)",
-        "simulate.loads._value: sum((c * x ** i * y ** j for i, j, c in polynomial), 0.0 * x) -> -sum((c * x ** i * y ** j for i, j, c in polynomial), 0.0 * x)",
-        "simulate.loads._value: c * x ** i * y ** j -> -(c * x ** i * y ** j)",
+        "simulate.loads._terms: float(c) -> -float(c)",
+        "simulate.loads.add_formula: sums[int(terms[n, 0])] += terms[n, 3] * x ** terms[n, 1] * y ** terms[n, 2] -> sums[int(terms[n, 0])] -= terms[n, 3] * x ** terms[n, 1] * y ** terms[n, 2]",
         "simulate.plant.Plant.at_rest: loop.F -> -loop.F",
         "simulate.plant.Plant.at_rest: loop.raw -> -loop.raw",
+    ),
+    "a number of layers, of which there may be none": (
+        "simulate.loads._layers: 1 -> -1",
+        "simulate.loads._layers: 1 -> -1 [2]",
     ),
     "nothing reads it, or nothing comes there: a capacitance beside that of the node, an inverter without a current": (
         "kernel.model.at_corner: filter_.capacitance_farad -> -filter_.capacitance_farad",
