@@ -280,3 +280,76 @@ def test_the_follower_starts_where_it_is_told() -> None:
     assert pieces[-1].end == 3.001
     assert numpy.allclose(pieces[0].states(numpy.array([3.0]))[0], x, rtol=1e-9, atol=1e-9)
     assert Flow(plant, numpy.zeros(len(plant.limits))).rates(x).shape == x.shape
+
+
+# --- found by a hostile review, kept as cases --------------------------------------------------------------------
+
+
+def found_case(name: str) -> bytes:
+    return (ROOT / "tests/cases/simulations" / f"{name}.toml").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["hang-tiny-limit", "hang-millivolt-limit", "crash-tiny-limit"])
+def test_limits_smaller_than_rounding_let_time_pass(name: str) -> None:
+    """Rounding of a law with terms of kilovolts once held the motion at a limit of nanovolts for ever."""
+    found = simulate(found_case(name), start="zero", end=Fraction(1, 10), samples=10)
+    assert found.diverged is None
+    assert found.phases[0]["windows"] < 2000
+
+
+def test_a_limit_that_is_met_thousands_of_times() -> None:
+    found = simulate(found_case("crash-high-gain"), start="zero", end=Fraction(1, 20), samples=10)
+    assert found.diverged is None
+
+
+def test_a_short_dip_over_a_limit_is_not_missed() -> None:
+    both = [
+        simulate(found_case("missed-dip"), end=Fraction(228, 10_000), samples=40, tolerance=1e-9, method=method)
+        for method in ("exponential", "collocation")
+    ]
+    assert both[0].phases[0]["switches"] == both[1].phases[0]["switches"]
+    scale = numpy.abs(both[1].states).max(axis=0)
+    assert (numpy.abs(both[0].states - both[1].states) <= 1e-6 * scale).all()
+
+
+def test_windows_that_crawl_are_left_to_the_other_method() -> None:
+    found = simulate(found_case("slow-load-away-from-rest"), start="zero", end=Fraction(1, 50), samples=5)
+    assert found.diverged is None
+    assert found.phases[0]["method"] == "collocation"
+    assert found.phases[0]["windows"] < 5000
+
+
+def test_a_line_and_a_reference_at_one_time_at_a_linear_loop() -> None:
+    """The charge is shared at the voltage before, whatever the reference is then."""
+    together, apart = (
+        simulate(found_case("loop-line-and-reference"), scenario, samples=numpy.array([0.0, 0.01 + 2e-12, 0.02]))
+        for scenario in ("together", "apart")
+    )
+    assert numpy.allclose(together.phasor("voltage", "a"), apart.phasor("voltage", "a"), rtol=1e-6)
+
+
+def test_collocation_with_a_load_at_a_linear_loop() -> None:
+    one, other = (
+        simulate(found_case("loop-collocation"), end=Fraction(1, 20), samples=10, method=method)
+        for method in ("exponential", "collocation")
+    )
+    scale = numpy.abs(one.states).max(axis=0)
+    assert (numpy.abs(one.states - other.states) <= 1e-6 * scale + 1e-9).all()
+
+
+def test_a_very_long_run_begins_with_short_windows() -> None:
+    found = simulate((ROOT / "specs/two-inverters.toml").read_bytes(), end=Fraction(10**9), samples=1)
+    assert found.diverged is None
+    assert found.phases[0]["windows"] < 2000
+
+
+@pytest.mark.parametrize("samples", [[0.0, 2.0], [0.5, 0.1], [-0.1, 0.5], [float("nan")], []])
+def test_times_of_samples_are_looked_at(samples: list[float]) -> None:
+    with pytest.raises(SpecError, match="times of samples"):
+        simulate((ROOT / "specs/two-inverters.toml").read_bytes(), samples=numpy.array(samples))
+
+
+def test_a_start_without_numbers_is_refused() -> None:
+    spec = (ROOT / "specs/two-inverters.toml").read_bytes()
+    with pytest.raises(SpecError, match="finite"):
+        simulate(spec, start=numpy.full(Course(spec).size, numpy.nan))

@@ -11,7 +11,8 @@ from scipy.sparse.linalg import splu
 
 from certify.crosscheck.claimed import Claimed
 from certify.crosscheck.findings import Finding
-from certify.kernel.spec import ConstantVoltage
+from certify.kernel.model import to_state_feedback
+from certify.kernel.spec import ConstantVoltage, IdaPbc, LinearLoop
 from certify.rests import Rest
 from certify.simulate.flow import Flow, find_rest, flow_at
 from certify.simulate.motion import natural_sizes
@@ -80,7 +81,8 @@ def compare_model(claimed: Claimed, x: Array, seed: int = 1) -> list[Finding]:
     }
     parts = [part for part in claimed.parts.values() if part.name not in silent]
     findings = [Finding("model", part.name, float(rows[part.at].max()), SAME) for part in parts]
-    return [*findings, *_compare_modes(claimed, x, sizes), *_compare_limits(plant, x, sizes)]
+    findings += _compare_modes(claimed, x, sizes) + _compare_limits(plant, x, sizes)
+    return findings + _compare_settings(claimed)
 
 
 def _compare_limits(plant: Plant, x: Array, sizes: Array) -> list[Finding]:
@@ -103,6 +105,25 @@ def _compare_limits(plant: Plant, x: Array, sizes: Array) -> list[Finding]:
         terms += abs(plant.G) @ (abs(plant.K) @ numpy.abs(y) + numpy.abs(plant.k))
         found.append(_shares(off, terms, numpy.zeros_like(terms)))
     return [Finding("model", "limits", float(numpy.max(found)), SAME_RATE)]
+
+
+def _compare_settings(claimed: Claimed) -> list[Finding]:
+    """Limits, and what an anti-windup adds for each volt that they take off, against the spec and the kernel's K13."""
+    findings = []
+    for j, (name, inverter) in enumerate(claimed.plant.inverters.items()):
+        dgu = claimed.context.nodes[name].dgu
+        if dgu is None or dgu.limits_volt is None or isinstance(dgu.controller, LinearLoop):
+            continue
+        given = numpy.array([float(v) for v in dgu.limits_volt])
+        off = float(numpy.max(numpy.abs(claimed.plant.limits[2 * j : 2 * j + 2] / given - 1)))
+        if dgu.anti_windup_second is not None:
+            K13 = numpy.array([[float(v) for v in row] for row in to_state_feedback(dgu.controller).K13 or ()])
+            turned = -1.0 if isinstance(dgu.controller, IdaPbc) else 1.0
+            expected = turned * numpy.linalg.inv(K13) / float(dgu.anti_windup_second)
+            found = numpy.zeros((2, 2)) if inverter.tracking is None else inverter.tracking
+            off = max(off, float(numpy.max(numpy.abs(found - expected)) / numpy.max(numpy.abs(expected))))
+        findings.append(Finding("model", f"limits/{name}", off, SAME_RATE))
+    return findings
 
 
 def compare_loads(claimed: Claimed) -> list[Finding]:

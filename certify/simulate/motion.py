@@ -126,7 +126,13 @@ class Follower:
                 until, crossed = (until, -1) if crossing[1] < 0 else (offset + crossing[0], crossing[1])
                 still = still + 1 if until <= now else 0
                 if still > STILL * (1 + len(self.guarded)):
-                    raise Diverged(now, "inverters go in and out of their limits, and no time passes")
+                    if self.method == "collocation":
+                        raise Diverged(now, "inverters go in and out of their limits, and no time passes")
+                    self.method, still = (
+                        "collocation",
+                        0,
+                    )  # which needs no modes, the rounding of which may be in the way
+                    break
                 piece = Piece(flow, window, offset, now, until)
                 self.windows += 1
                 yield piece
