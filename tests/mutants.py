@@ -107,7 +107,7 @@ FUNCTIONS: dict[str, tuple[str, ...]] = {
         "Plant.load_slopes",
         "Plant.at_rest",
         "_Stamps.matrix",
-        "_Loop.__init__",
+        "Loop.__init__",
         "to_phasors",
         "to_pairs",
         "_pair",

@@ -243,7 +243,7 @@ EXEMPT: dict[str, tuple[str, ...]] = {
         "simulate.plant._ida_pbc: current - 1j * w0 * C * reference -> current + 1j * w0 * C * reference",
     ),
     "a load at no voltage, or far below every band, where the kernel says nothing": (
-        "simulate.loads.StaticLoads.__init__: FLOOR * float(node.band_volt[1]) -> -(FLOOR * float(node.band_volt[1]))",
+        "simulate.loads.StaticLoads.__init__: FLOOR * _top(node) -> -(FLOOR * _top(node))",
         "simulate.loads.StaticLoads.__init__: lows -> -lows",
         "simulate.loads.StaticLoads.__init__: lows -> -lows [2]",
         "simulate.loads.StaticLoads.slopes: V0 -> -V0",
