@@ -128,10 +128,8 @@ class Follower:
                 if still > STILL * (1 + len(self.guarded)):
                     if self.method == "collocation":
                         raise Diverged(now, "inverters go in and out of their limits, and no time passes")
-                    self.method, still = (
-                        "collocation",
-                        0,
-                    )  # which needs no modes, the rounding of which may be in the way
+                    # the rounding of the modes may be in the way, and this needs none
+                    self.method, still = "collocation", 0
                     break
                 piece = Piece(flow, window, offset, now, until)
                 self.windows += 1
@@ -188,9 +186,8 @@ class Follower:
         with numpy.errstate(divide="ignore", invalid="ignore"):
             bottom = middle - (after - before) ** 2 / (8 * bend)
             near = numpy.abs(after - before) <= 2 * bend  # within the three
-        change = numpy.maximum(numpy.maximum(before, middle), after) - numpy.minimum(
-            numpy.minimum(before, middle), after
-        )
+        three = numpy.stack([before, middle, after])
+        change = three.max(axis=0) - three.min(axis=0)
         dips = (bend > 0) & near & (bottom < change / 2)
 
         def margin(t: float, g: int) -> float:
