@@ -81,12 +81,7 @@ def run_prove(options: argparse.Namespace) -> int:
         if options.reuse is not None:
             reason = "does not go with --scenario, whose phases are proved from nothing"
             return _bad_input(options, (Fault("U001", "--reuse", reason),))
-        try:
-            return run(options, _progress, EXIT_CODES, WORST_FIRST)
-        except SpecError as error:
-            return _bad_input(options, error.faults)
-        except Rejected as rejection:
-            return _rejected(options, rejection)
+        return _guarded(options, lambda: run(options, _progress, EXIT_CODES, WORST_FIRST))
     output = Path(options.output) if options.output is not None else None
     if output is not None:
         same = output.exists() and Path(options.spec).exists() and output.samefile(options.spec)
@@ -345,22 +340,26 @@ def run_loads(options: argparse.Namespace) -> int:
 def run_simulate(options: argparse.Namespace) -> int:
     from certify.report.simulation import run
 
-    try:
-        return run(options, _progress)
-    except SpecError as error:
-        return _bad_input(options, error.faults)
-    except Rejected as rejection:
-        return _rejected(options, rejection)
+    return _guarded(options, lambda: run(options, _progress))
 
 
 def _designed(options: argparse.Namespace, run: Callable[[argparse.Namespace, Any, dict[str, int]], int]) -> int:
     """A command that makes new specs out of one: it proves more than once, and reports for itself."""
-    try:
+
+    def action() -> int:
         with _progress(f"proving {options.spec}") as progress:
             return run(options, progress, EXIT_CODES)
+
+    return _guarded(options, action)
+
+
+def _guarded(options: argparse.Namespace, action: Callable[[], int]) -> int:
+    """The exit code of an action, or of what is wrong with its input."""
+    try:
+        return action()
     except SpecError as error:
         return _bad_input(options, error.faults)
-    except Rejected as rejection:
+    except Rejected as rejection:  # a certificate from elsewhere, or a defect of the search, stopped by the kernel
         return _rejected(options, rejection)
 
 

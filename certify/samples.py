@@ -79,7 +79,7 @@ def read_state(path: str, course: Course) -> Array:
     Numbers are SI. Columns of what is off in the first phase may be left out, empty or null, and are of no account.
     Raises: SpecError U006 with everything that is wrong.
     """
-    columns = tuple(name for part, at in course.parts.items() for name in column_names(part, at.stop - at.start))
+    columns = column_names(course.parts)
     try:
         values = _read_values(path, columns)
     except (OSError, MemoryError) as error:

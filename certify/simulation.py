@@ -31,16 +31,12 @@ Progress = Callable[[float, float], None]  # s that are done, and all of them
 
 @dataclass(frozen=True)
 class Stage:
-    """One phase of a simulation: its network as equations, and the state right after the events at its start.
-
-    `numbers`: those of the R-L loads that are on, by node.
-    """
+    """One phase of a simulation: its network as equations, and the state right after the events at its start."""
 
     phase: Phase
     plant: Plant
     first: Array
     follower: Follower
-    numbers: Mapping[str, list[str]]
 
 
 @dataclass
@@ -62,7 +58,7 @@ class Simulation:
     @property
     def columns(self) -> tuple[str, ...]:
         """The name of each column of `states`."""
-        return tuple(name for part, at in self.parts.items() for name in column_names(part, at.stop - at.start))
+        return column_names(self.parts)
 
     def part(self, *part: str) -> Array:
         """The states of one part, such as ("line", "12"). Shape (t, 2), of a linear loop (t, n)."""
@@ -74,10 +70,13 @@ class Simulation:
         return pairs[:, 0] + 1j * pairs[:, 1]
 
 
-def column_names(part: Part, size: int) -> tuple[str, ...]:
-    """How the states of a part are called, such as "voltage at node 1, d"."""
-    title = TITLES[part[0]].format(*part[1:])
-    return tuple(f"{title}, {AXES[k] if part[0] != 'loop' else k}" for k in range(size))
+def column_names(parts: Mapping[Part, slice]) -> tuple[str, ...]:
+    """How the states of parts are called, such as "voltage at node 1, d"."""
+    return tuple(
+        f"{TITLES[part[0]].format(*part[1:])}, {AXES[k] if part[0] != 'loop' else k}"
+        for part, at in parts.items()
+        for k in range(at.stop - at.start)
+    )
 
 
 class Course:
@@ -100,25 +99,25 @@ class Course:
         self.end = float(self.phases[-1].end_second)
         self._branches, self._law = series_loads(document, ()), law_reader(document)
         self.parts: dict[Part, slice] = {}
+        self._spec, self._everything = spec, Plant(self.whole)
         size = 0
-        for part, at in Plant(self.whole).slices.items():
+        for part, at in self._everything.slices.items():
             for own in [part] if part[0] != "loop" else [("voltage", part[1]), part]:
                 width = 2 if own[0] == "voltage" else at.stop - at.start
                 self.parts[own] = slice(size, size + width)
                 size += width
         self.size = size
 
-    def numbers(self, phase: Phase) -> dict[str, list[str]]:
-        """The R-L loads of each node that are on, numbered as if all of them were."""
+    def plant(self, phase: Phase) -> Plant:
+        """The equations of a phase; its R-L loads are numbered as if all of them were on."""
+        if phase.spec is self._spec:
+            return self._everything
         off = indices_of_loads(phase.gone)
-        return {
+        numbers = {
             name: [str(n) for n, k in enumerate(where) if k not in off.get(name, ())]
             for name, where in self._branches.items()
         }
-
-    def plant(self, phase: Phase) -> Plant:
-        """The equations of a phase."""
-        return Plant(decode_all(phase.spec), self.numbers(phase))
+        return Plant(decode_all(phase.spec), numbers)
 
     def motion(self, x: Array | None, tolerance: float, method: str | None = None) -> Iterator[tuple[Stage, Piece]]:
         """The motion from a state of the first phase, or from the start. Raises: Diverged, SpecError."""
@@ -130,7 +129,7 @@ class Course:
             elif stage is not None:
                 board = Switchboard(self.whole, self._branches, self._law, stage.phase.gone, stage.phase.settings)
                 x = after_events(board, stage.plant, plant, phase.events, x)
-            stage = Stage(phase, plant, x, Follower(plant, x, tolerance, method), self.numbers(phase))
+            stage = Stage(phase, plant, x, Follower(plant, x, tolerance, method))
             for piece in stage.follower.pieces(x, float(phase.start_second), float(phase.end_second)):
                 yield stage, piece
                 x = piece.last
@@ -177,11 +176,17 @@ def sample_times(course: Course, count: int) -> Array:
     return numpy.unique(numpy.concatenate([numpy.linspace(0.0, course.end, count + 1), starts]))
 
 
-def simulate(
-    spec: bytes,
-    scenario: str | None = None,
+def simulate(spec: bytes, scenario: str | None = None, *, end: Fraction | None = None, **options: Any) -> Simulation:
+    """Simulate a scenario of a spec, or without one the spec as it is for `end` seconds (default 1).
+
+    `options` are those of `simulate_course`. Raises: SpecError for bad input.
+    """
+    return simulate_course(Course(spec, scenario, end), **options)
+
+
+def simulate_course(
+    course: Course,
     *,
-    end: Fraction | None = None,
     start: str | Array | None = None,
     samples: int | Array = DEFAULT_SAMPLES,
     tolerance: float = TOLERANCE,
@@ -189,7 +194,7 @@ def simulate(
     progress: Progress | None = None,
     observe: Callable[[Stage, Piece], None] | None = None,
 ) -> Simulation:
-    """Simulate a scenario of a spec, or without one the spec as it is for `end` seconds (default 1).
+    """Simulate what has been made ready.
 
     `start`: "flat", "zero" or "equilibrium" (default: that of the scenario, or "flat"), or a state in the columns of
     `Course.parts`, in SI. `samples`: how many after the start, or the times in s themselves. `tolerance`: what each
@@ -198,7 +203,6 @@ def simulate(
     look at it as often as it likes: `Piece.states`.
     Raises: SpecError for bad input. A motion that leaves all bounds is no error: see `Simulation.diverged`.
     """
-    course = Course(spec, scenario, end)
     count = samples if isinstance(samples, int) else len(samples)
     if count * course.size > MAX_NUMBERS:
         message = f"{count} samples of {course.size} states are more than {MAX_NUMBERS} numbers; take fewer"

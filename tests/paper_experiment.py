@@ -29,7 +29,7 @@ from certify.crosscheck.run import Checked, CrossCheck
 from certify.kernel.check import check
 from certify.report.scenario import prove_phases
 from certify.settling import DguCourse, PhaseCourse, Watch
-from certify.simulate.flow import Flow
+from certify.simulate.flow import free_flow
 from certify.simulate.motion import Piece
 from certify.simulate.plant import Array, settled
 from certify.simulation import Course, Simulation, Stage, simulate
@@ -249,7 +249,7 @@ def modes(spec: bytes) -> Any:
     course = Course(spec)
     plant = course.plant(course.phases[0])
     x = course.begin(plant, "equilibrium")
-    found = numpy.linalg.eigvals(Flow(plant, numpy.zeros(len(plant.limits))).jacobian(x).toarray())
+    found = numpy.linalg.eigvals(free_flow(plant).jacobian(x).toarray())
     return found[numpy.argsort(-found.real)]
 
 

@@ -15,7 +15,7 @@ from certify.certificate import Certificate, prove
 from certify.cli import main
 from certify.crosscheck import run as crosscheck_run
 from certify.crosscheck.claimed import Claimed
-from certify.crosscheck.energy import Storage, Watch, watch_all
+from certify.crosscheck.energy import Storage, Watch
 from certify.crosscheck.falsify import Falsifier
 from certify.crosscheck.findings import Finding, worst
 from certify.crosscheck.model import DENSE_STATES, compare_model, compare_rest, find_reference
@@ -50,7 +50,9 @@ def watched(storage: Storage, start: str, end: float, tolerance: float = 1e-9) -
     assert x is not None
     follower = Follower(storage.plant, x, tolerance)
     watch = Watch(storage, tolerance, natural_sizes(storage.plant, storage.rest))
-    return watch_all(watch, follower.pieces(x, 0.0, end))
+    for piece in follower.pieces(x, 0.0, end):
+        watch.see(piece)
+    return watch
 
 
 def contradictions(findings: list[Finding]) -> set[str]:

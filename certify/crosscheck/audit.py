@@ -11,7 +11,7 @@ import numpy
 
 from certify.crosscheck.energy import Storage
 from certify.crosscheck.findings import Finding
-from certify.simulate.flow import Flow
+from certify.simulate.flow import free_flow
 from certify.simulate.midpoint import audit
 from certify.simulate.plant import Array
 
@@ -25,10 +25,8 @@ def audit_balance(storage: Storage, x: Array, sizes: Array) -> list[Finding]:
 
     Inverters are taken to be free of limits, as psi has them.
     """
-    plant = storage.plant
-    flow = Flow(plant, numpy.zeros(len(plant.limits)))
     try:
-        states = audit(flow, x, SECONDS, STEPS)
+        states = audit(free_flow(storage.plant), x, SECONDS, STEPS)
     except FloatingPointError:
         return []
     middles = (states[1:] + states[:-1]) / 2

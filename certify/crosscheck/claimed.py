@@ -12,7 +12,7 @@ from fractions import Fraction
 
 import numpy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 
 from certify.kernel import equilibrium, rules
 from certify.kernel.balls import BITS, Ball, ball
@@ -22,6 +22,7 @@ from certify.kernel.model import feedback, incidence
 from certify.kernel.spec import NO_TOLERANCE, IdaPbc, LinearLoop, Node, SeriesBranch
 from certify.rests import Region, Rest, read_region, read_rest
 from certify.simulate.plant import Array, Part, Plant
+from certify.simulate.stamps import Stamps
 from certify.storages import proved_storages
 
 STEP = Fraction(1, 64)  # volt, for the slopes of load currents: their curvature is nothing beside it
@@ -89,8 +90,8 @@ class Claimed:
         shortage = Fraction(0)
         if node.name in self.storages:
             exact, shortage = self.storages[node.name]
-            P, M = _floats(exact), _floats(rules.dissipation(port.F, exact))
-        matrices = (_floats(port.F), _floats(port.B), _floats(port.C))
+            P, M = floats(exact), floats(rules.dissipation(port.F, exact))
+        matrices = (floats(port.F), floats(port.B), floats(port.C))
         return Subsystem(f"dgu/{node.name}", at, sign, *matrices, P, M, float(shortage))
 
     def places(self, mode: Mode) -> tuple[Places, Array]:
@@ -144,14 +145,10 @@ class Claimed:
 
         Of a load outside its band the kernel says nothing: its node's rows go without it.
         """
-        rows: list[Places] = []
-        columns: list[Places] = []
-        values: list[Array] = []
+        matrix = Stamps(self.plant.size, self.plant.size)
 
         def add(to: Subsystem, of: Subsystem, block: Array) -> None:
-            rows.append(numpy.repeat(to.at, len(of.at)))
-            columns.append(numpy.tile(of.at, len(to.at)))
-            values.append((to.sign[:, None] * block * of.sign[None, :]).reshape(-1))
+            matrix.add(to.at, of.at, to.sign[:, None] * block * of.sign[None, :])
 
         for part in self.parts.values():
             add(part, part, part.F)
@@ -161,8 +158,7 @@ class Claimed:
             part = self.at_node(name)
             if self.speaks_of(name, voltages[name]):
                 add(part, part, -part.B @ self.load_slope(name, voltages[name]) @ part.C)
-        where = (numpy.concatenate(rows), numpy.concatenate(columns))
-        return coo_matrix((numpy.concatenate(values), where), shape=(self.plant.size,) * 2).tocsr()
+        return matrix.matrix()
 
     def speaks_of(self, name: str, V: complex) -> bool:
         """Whether the kernel says what the static loads of a node draw around a voltage: not outside their band."""
@@ -193,7 +189,7 @@ def _places(at: slice) -> Places:
     return numpy.arange(at.start, at.stop)
 
 
-def _floats(a: Matrix) -> Array:
+def floats(a: Matrix) -> Array:
     return numpy.array([[float(x) for x in row] for row in a])
 
 

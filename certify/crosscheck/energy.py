@@ -7,18 +7,18 @@ dissipate is taken from the certificate's matrices: H' = -psi then closes only i
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy
 from numpy.polynomial import legendre
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 
 from certify.crosscheck.claimed import Claimed, Subsystem
 from certify.crosscheck.findings import Finding
 from certify.simulate.motion import Piece
 from certify.simulate.plant import Array
+from certify.simulate.stamps import Stamps
 
 LOOKS = 8  # at a piece
 NODES = 12  # of Gauss quadrature on an interval
@@ -43,7 +43,7 @@ class Storage:
         self.parts = [part for part in claimed.parts.values() if part.P is not None]
         index = {part.name: k for k, part in enumerate(self.parts)}
         n, m = self.plant.size, len(self.parts)
-        P, M, gap, Z, d = _Blocks(n, n), _Blocks(n, n), _Blocks(n, 2 * m), _Blocks(2 * m, n), _Blocks(2 * m, n)
+        P, M, gap, Z, d = Stamps(n, n), Stamps(n, n), Stamps(n, 2 * m), Stamps(2 * m, n), Stamps(2 * m, n)
         self.part_of = numpy.full(n, -1)
         for k, part in enumerate(self.parts):
             ports = numpy.array([2 * k, 2 * k + 1])
@@ -174,27 +174,6 @@ def _members(groups: Any, count: int) -> csr_matrix:
     return csr_matrix((numpy.ones(len(known)), (groups[known], known)), shape=(count, len(groups)))
 
 
-class _Blocks:
-    """A sparse matrix to which blocks at scattered places are added."""
-
-    def __init__(self, rows: int, columns: int) -> None:
-        self.shape = (rows, columns)
-        self.rows: list[Any] = []
-        self.columns: list[Any] = []
-        self.values: list[Array] = []
-
-    def add(self, rows: Any, columns: Any, block: Array) -> None:
-        self.rows.append(numpy.repeat(rows, len(columns)))
-        self.columns.append(numpy.tile(columns, len(rows)))
-        self.values.append(block.reshape(-1))
-
-    def matrix(self) -> csr_matrix:
-        if not self.rows:
-            return csr_matrix(self.shape)
-        where = (numpy.concatenate(self.rows), numpy.concatenate(self.columns))
-        return coo_matrix((numpy.concatenate(self.values), where), shape=self.shape).tocsr()
-
-
 def _turned(a: Array | None, part: Subsystem) -> Array:
     """A symmetric matrix of a part in the signs of the simulator."""
     return numpy.zeros((len(part.at),) * 2) if a is None else part.sign[:, None] * a * part.sign[None, :]
@@ -217,7 +196,6 @@ class Watch:
         self.values: list[Array] = []
         self.final: tuple[Array, Array] = numpy.zeros(0), numpy.zeros((0, 0))
         islands = len(self.storage.islands)
-        self.before: tuple[Array, Array, Array] | None = None
         self.worst: dict[tuple[str, str], Finding] = {}
         self.first = self.started = numpy.full(islands, numpy.nan)
         self.lost = numpy.zeros(islands)
@@ -316,10 +294,3 @@ def integrate(piece: Piece, storage: Storage, scale: Array) -> Array:
         open_ = numpy.concatenate([~done, ~done])
         starts, lengths, coarse = both[open_], halves[open_], fine[open_]
     return total
-
-
-def watch_all(watch: Watch, pieces: Iterable[Piece]) -> Watch:
-    """Take in all pieces of a motion."""
-    for piece in pieces:
-        watch.see(piece)
-    return watch

@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix, identity, vstack
 
 from certify.crosscheck.energy import Storage, Watch
 from certify.crosscheck.findings import Finding
-from certify.simulate.flow import Flow
+from certify.simulate.flow import free_flow
 from certify.simulate.motion import Diverged, Follower, natural_sizes
 from certify.simulate.plant import Array
 
@@ -85,8 +85,7 @@ class Falsifier:
 
     def _horizon(self) -> float:
         """How long to follow a motion, in s."""
-        flow = Flow(self.plant, numpy.zeros(len(self.plant.limits)))
-        values = numpy.linalg.eigvals(flow.jacobian(self.storage.rest).toarray())
+        values = numpy.linalg.eigvals(free_flow(self.plant).jacobian(self.storage.rest).toarray())
         slowest = float(numpy.min(-values.real))
         return min(TIMES / slowest, LONGEST_SECOND) if slowest > 0 else LONGEST_SECOND
 

@@ -9,12 +9,12 @@ import numpy
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
-from certify.crosscheck.claimed import Claimed
+from certify.crosscheck.claimed import Claimed, floats
 from certify.crosscheck.findings import Finding
 from certify.kernel.model import to_state_feedback
 from certify.kernel.spec import ConstantVoltage, IdaPbc, LinearLoop
 from certify.rests import Rest
-from certify.simulate.flow import Flow, find_rest, flow_at
+from certify.simulate.flow import Flow, find_rest, flow_at, free_flow
 from certify.simulate.motion import natural_sizes
 from certify.simulate.plant import Array, Plant
 from certify.simulate.starts import flat_state
@@ -39,18 +39,14 @@ def find_reference(claimed: Claimed) -> Array | None:
     """The simulator's own equilibrium, without limits: from a flat start, or if that fails from the proved voltages."""
     plant = claimed.plant
     x = flat_state(plant)
-    found = find_rest(_free(plant), x)
+    found = find_rest(free_flow(plant), x)
     if found is None:
         for rest in claimed.rests.values():
             for name, V in rest.voltages.items():
                 if ("voltage", name) in plant.slices:
                     x[plant.slices["voltage", name]] = V.real, V.imag
-        found = find_rest(_free(plant), x)
+        found = find_rest(free_flow(plant), x)
     return found
-
-
-def _free(plant: Plant) -> Flow:
-    return Flow(plant, numpy.zeros(len(plant.limits)))
 
 
 def differences(flow: Flow, x: Array, directions: Array) -> Array:
@@ -64,7 +60,7 @@ def compare_model(claimed: Claimed, x: Array, seed: int = 1) -> list[Finding]:
     Figures are shares: of an entry, or of the sum of a row's in a random direction.
     """
     plant = claimed.plant
-    flow, sizes = _free(plant), natural_sizes(plant, x)
+    flow, sizes = free_flow(plant), natural_sizes(plant, x)
     network = claimed.network({name: plant.voltage(x, name) for name in plant.loaded})
     rounding = ROUNDING * (abs(flow.A) @ numpy.abs(x) + numpy.abs(flow.b) + abs(plant.D) @ numpy.abs(plant.drawn(x)))
     if plant.size <= DENSE_STATES:
@@ -117,7 +113,7 @@ def _compare_settings(claimed: Claimed) -> list[Finding]:
         given = numpy.array([float(v) for v in dgu.limits_volt])
         off = float(numpy.max(numpy.abs(claimed.plant.limits[2 * j : 2 * j + 2] / given - 1)))
         if dgu.anti_windup_second is not None:
-            K13 = numpy.array([[float(v) for v in row] for row in to_state_feedback(dgu.controller).K13 or ()])
+            K13 = floats(to_state_feedback(dgu.controller).K13 or ())
             turned = -1.0 if isinstance(dgu.controller, IdaPbc) else 1.0
             expected = turned * numpy.linalg.inv(K13) / float(dgu.anti_windup_second)
             found = numpy.zeros((2, 2)) if inverter.tracking is None else inverter.tracking
@@ -193,10 +189,10 @@ def _compare_modes(claimed: Claimed, x: Array, sizes: Array) -> list[Finding]:
             directions = numpy.zeros((plant.size, len(at)))
             directions[at, numpy.arange(len(at))] = STEP * sizes[at]
             port = claimed.context.port((name, axes))
-            F = numpy.array([[float(v) for v in row] for row in port.F])
+            F = floats(port.F)
             if name in plant.loaded:  # what the load at the node adds is not part of the port
-                B, C = (numpy.array([[float(v) for v in row] for row in a]) for a in (port.B, port.C))
-                F = F - B @ claimed.load_slope(name, plant.voltage(x, name)) @ C
+                slope = claimed.load_slope(name, plant.voltage(x, name))
+                F = F - floats(port.B) @ slope @ floats(port.C)
             expected = sign[:, None] * F * sign[None, :] * (STEP * sizes[at])
             found = differences(flow, x, directions)[at]
             rounding = ROUNDING * (abs(flow.A[at]) @ numpy.abs(x) + numpy.abs(flow.b[at]))[:, None]
@@ -286,7 +282,7 @@ def _compare_state(claimed: Claimed, x: Array) -> list[Finding]:
         return []
     lines = {name: current for rest in rests for name, current in rest.lines.items()}
     inverters = {name: current for rest in rests for name, current in rest.inverters.items()}
-    flow, sizes = _free(plant), natural_sizes(plant, x)
+    flow, sizes = free_flow(plant), natural_sizes(plant, x)
     try:
         put = plant.at_rest(voltages, lines, inverters)
         step = splu(csc_matrix(flow.jacobian(put))).solve(flow.rates(put))

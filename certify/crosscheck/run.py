@@ -13,11 +13,10 @@ from certify.crosscheck.energy import Storage, Watch
 from certify.crosscheck.falsify import Attempts, Falsifier
 from certify.crosscheck.findings import Finding
 from certify.crosscheck.model import compare_loads, compare_model, compare_rest, find_reference
-from certify.inputs import decode_all
 from certify.kernel.check import check
 from certify.phases import Phase
 from certify.simulate.motion import Piece, natural_sizes
-from certify.simulate.plant import Array, Plant
+from certify.simulate.plant import Array
 from certify.simulation import Stage
 
 ATTEMPTS = 8  # on each island with a region
@@ -86,8 +85,7 @@ class CrossCheck:
         self.checked.append(checked)
         self._watch = None
         self._storages.append(None)
-        plant = Plant(decode_all(phase.spec), stage.numbers)
-        claimed = Claimed(plant, certificate, verdict)
+        claimed = Claimed(stage.plant, certificate, verdict)
         rest = find_reference(claimed)
         checked.findings += compare_loads(claimed) + compare_rest(claimed, rest)
         checked.findings += compare_model(claimed, stage.first if rest is None else rest, self.seed)
@@ -99,7 +97,7 @@ class CrossCheck:
         if not storage.first:
             checked.reason = "no island has a storage function that is proved for all of its DGUs"
         self._storages[-1] = storage
-        sizes = natural_sizes(plant, rest)
+        sizes = natural_sizes(stage.plant, rest)
         checked.findings += audit_balance(storage, stage.first, sizes)
         self._watch = Watch(storage, self.tolerance, sizes)
 

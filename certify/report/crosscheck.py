@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from fractions import Fraction
@@ -19,8 +18,7 @@ from certify.kernel.errors import Fault, SpecError
 from certify.report.layout import table
 from certify.report.text import paint
 from certify.samples import write_samples
-from certify.simulate.plant import Plant
-from certify.simulation import TOLERANCE, Course, Progress, Simulation, simulate
+from certify.simulation import TOLERANCE, Course, Progress, Simulation, simulate_course
 
 Bar = Callable[..., AbstractContextManager[Progress | None]]
 CONTRADICTED = 4  # exit code
@@ -151,7 +149,8 @@ def to_dict(checked: Iterable[Checked], kept: str | None) -> dict[str, Any]:
         }
         for entry in checked
     ]
-    return {"contradicted": any(entry["contradictions"] for entry in phases), "kept": kept, "phases": phases}
+    contradicted = any(entry["contradictions"] for entry in phases)
+    return {"contradicted": contradicted, "kept": kept, "phases": phases}
 
 
 def after_proof(
@@ -164,7 +163,7 @@ def after_proof(
     course = Course(spec, options.scenario)
     cross_check = CrossCheck(course.phases, certificates, TOLERANCE)
     with bar(f"simulating {options.spec}", "s") as progress:
-        simulation = simulate(spec, options.scenario, progress=progress, observe=cross_check.see)
+        simulation = simulate_course(course, progress=progress, observe=cross_check.see)
     with bar("trying to break the certificate") as progress:
         checked = cross_check.finish(progress)
     return checked, keep(options.spec, course, simulation, checked, {"spec": options.spec})
@@ -192,18 +191,12 @@ def keep(
     motion = simulation
     if found.start is not None:
         phase = next(phase for phase in course.phases if phase.number == entry.number)
-        own = Course(phase.spec)
-        state = own.spread(Plant(own.whole), found.start[None, :])[0]
-        end = Fraction(found.at_second or 1.0).limit_denominator(10**12)
-        motion = simulate(phase.spec, end=end, start=state, samples=KEPT_SAMPLES)
+        own = Course(phase.spec, end_second=Fraction(found.at_second or 1.0).limit_denominator(10**12))
+        state = own.spread(own.plant(own.phases[0]), found.start[None, :])[0]
+        motion = simulate_course(own, start=state, samples=KEPT_SAMPLES)
     path = Path(f"{Path(spec_path).stem}.contradiction.npz")
-    told = {
-        "contradiction": json.loads(json.dumps(to_dict(checked, None), default=str)),
-        "phase": entry.number,
-        **about,
-    }
     try:
-        write_samples(path, motion, told)
+        write_samples(path, motion, {"contradiction": to_dict(checked, None), "phase": entry.number, **about})
     except OSError as error:
         raise SpecError((Fault("U001", "--check", f"cannot write {path}: {error.strerror}"),)) from None
     return str(path)

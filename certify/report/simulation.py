@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import math
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -32,13 +31,14 @@ from certify.report.crosscheck import (
 from certify.report.events import event_in_words
 from certify.report.files import check_folder, write_folder
 from certify.report.layout import table
+from certify.report.machine import finite
 from certify.report.text import paint
 from certify.samples import SUFFIXES, read_state, write_samples
 from certify.settling import DguCourse, PhaseCourse, Watch
 from certify.simulate.motion import Piece
 from certify.simulate.plant import Array
 from certify.simulate.scenario import STARTS
-from certify.simulation import Course, Simulation, Stage, simulate
+from certify.simulation import Course, Simulation, Stage, simulate_course
 
 SIMULATED, DIVERGED = 0, 3  # exit codes: no float refutes anything
 BAND = "0.01 %"
@@ -127,10 +127,8 @@ def run(options: argparse.Namespace, bar: Bar) -> int:
             check.see(stage, piece)
 
     with bar(f"simulating {options.spec}", "s") as progress:
-        simulation = simulate(
-            spec,
-            options.scenario,
-            end=wish.end_second,
+        simulation = simulate_course(
+            course,
             start=start,
             samples=wish.samples,
             tolerance=wish.tolerance,
@@ -147,7 +145,7 @@ def run(options: argparse.Namespace, bar: Bar) -> int:
         outcome = replace(outcome, kept=keep(options.spec, course, simulation, outcome.checked, {"spec": options.spec}))
     outcome = replace(outcome, files=_write(options, spec, outcome))
     if options.json:
-        print(json.dumps(_finite(outcome_to_dict(outcome, options)), indent=1, ensure_ascii=False))
+        print(json.dumps(finite(outcome_to_dict(outcome, options)), indent=1, ensure_ascii=False))
     else:
         print(render_outcome(outcome, options, sys.stdout.isatty()))
     return outcome.code
@@ -246,7 +244,7 @@ def _write(options: argparse.Namespace, spec: bytes, outcome: Outcome) -> tuple[
             "certify": __version__,
             "spec": options.spec,
             "spec_sha256": hashlib.sha256(spec).hexdigest(),
-            **_finite(_summary(outcome, options)),
+            **finite(_summary(outcome, options)),
             "phases": outcome.simulation.phases,
         }
         try:
@@ -429,15 +427,6 @@ def _phase_to_dict(entry: PhaseCourse) -> dict[str, Any]:
         "nodes_without_dgu": {"lowest": _at_node(entry.lowest), "highest": _at_node(entry.highest)},
         "from_equilibrium": _at_node(entry.off_rest),
     }
-
-
-def _finite(value: Any) -> Any:
-    """JSON has no infinity, which a motion that diverges may reach."""
-    if isinstance(value, dict):
-        return {key: _finite(x) for key, x in value.items()}
-    if isinstance(value, list):
-        return [_finite(x) for x in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _at_node(found: tuple[float, str] | None) -> dict[str, Any] | None:

@@ -19,7 +19,7 @@ from numpy.polynomial import chebyshev, legendre
 
 from certify.simulate.compiled import compiled
 from certify.simulate.flow import Flow
-from certify.simulate.loads import draw
+from certify.simulate.loads import draw, straight_and_turned
 from certify.simulate.plant import Array, Phasors, to_phasors
 
 POINTS = 12  # of a window, both ends included
@@ -184,15 +184,12 @@ class Modes:
         self.parts = numpy.ascontiguousarray(_as_real(self.shapes).T)  # (2 m, n), from interleaved parts
         self.sizes = numpy.abs(self.shapes)
         V = to_phasors(plant.S @ origin + plant.s)
-        # J dV of a real matrix J as straight dV + turned conj(dV)
-        dd, dq, qd, qq = plant.loads.slopes(V).reshape(-1, 4).T.astype(complex)
         self.linear = (
             numpy.ascontiguousarray(_as_real(plant.S @ self.shapes).T),
             numpy.ascontiguousarray((self.left @ plant.D.toarray()).T).view(float),
             self.left @ flow.rates(origin),
             V,
-            (dd + qq + 1j * (qd - dq)) / 2,
-            (dd - qq + 1j * (qd + dq)) / 2,
+            *straight_and_turned(plant.loads.slopes(V)),
             plant.loads.currents(V[None, :])[0],
         )
         loads = plant.loads

@@ -20,8 +20,8 @@ ROUNDS = 20  # of choosing anew which inverters are at their limits
 class Flow:
     """x' = A x + b - D I(V): each component of each inverter is free, or held at its upper or lower limit.
 
-    `held` has 0, 1 or -1 for each component of u. What is held and would come back, or is free and beyond its limit,
-    is not looked after here: see `beyond`.
+    `held` has 0, 1 or -1 for each component of u. That a limit selects another flow is not looked after here: see
+    `flow_at`, and `motion`.
     """
 
     plant: Plant
@@ -35,11 +35,8 @@ class Flow:
     @cached_property
     def b(self) -> Array:
         free = self.held == 0
-        return self.plant.b + self.plant.G @ numpy.where(free, self.plant.k, 0.0) + self.plant.G @ self._constants
-
-    @cached_property
-    def _constants(self) -> Array:
-        return numpy.where(self.held == 0, 0.0, self.held * numpy.where(self.held == 0, 0.0, self.plant.limits))
+        constant = numpy.where(free, self.plant.k, self.held * numpy.where(free, 0.0, self.plant.limits))
+        return self.plant.b + self.plant.G @ constant
 
     def rates(self, x: Array) -> Array:
         """dx/dt. Shape (n,) to (n,)."""
@@ -50,6 +47,11 @@ class Flow:
         return csr_matrix(self.A + self.plant.load_slopes(x))
 
 
+def free_flow(plant: Plant) -> Flow:
+    """The flow without limits."""
+    return Flow(plant, numpy.zeros(len(plant.limits)))
+
+
 def flow_at(plant: Plant, x: Array) -> Flow:
     """The flow that the limits select in a state."""
     u = plant.asked(x)
@@ -58,7 +60,7 @@ def flow_at(plant: Plant, x: Array) -> Flow:
 
 def find_held_rest(plant: Plant, guess: Array) -> Array | None:
     """An equilibrium with inverters at their limits where it asks for more, or None if none is found."""
-    flow, x = Flow(plant, numpy.zeros(len(plant.limits))), guess
+    flow, x = free_flow(plant), guess
     for _ in range(ROUNDS):
         found = find_rest(flow, x)
         if found is None:

@@ -69,6 +69,12 @@ class StaticLoads:
         return J
 
 
+def straight_and_turned(slopes: Array) -> tuple[Phasors, Phasors]:
+    """Real matrices J, (k, 2, 2), as complex numbers: J dV is straight dV + turned conj(dV). Shape (k,) twice."""
+    dd, dq, qd, qq = slopes.reshape(-1, 4).T.astype(complex)
+    return (dd + qq + 1j * (qd - dq)) / 2, (dd - qq + 1j * (qd + dq)) / 2
+
+
 @compiled
 def draw(V: Phasors, zips: Any, exps: Any, formulas: Any, terms: Any) -> Phasors:
     """What all loads draw, in ampere; the tables are those of `StaticLoads`. Shape (m, k) to the same."""

@@ -15,7 +15,7 @@ import numpy
 from scipy.optimize import brentq, minimize_scalar
 
 from certify.simulate.exponential import Exponential, Modes
-from certify.simulate.flow import Flow, find_rest, flow_at
+from certify.simulate.flow import Flow, find_rest, flow_at, free_flow
 from certify.simulate.implicit import Collocation
 from certify.simulate.plant import TITLES, Array, Plant, to_phasors
 from certify.simulate.starts import flat_state
@@ -31,7 +31,6 @@ BOUND = 1e6  # times its natural size makes a state diverge
 MODAL_STATES = 300  # up to which a network is followed in its modes
 MODAL_CONDITION = 1e7
 LONGEST = 100.0  # s: what windows of collocation are shares of
-METHODS = ("exponential", "collocation")
 
 
 class Diverged(Exception):
@@ -87,10 +86,9 @@ class Follower:
 
     def __init__(self, plant: Plant, x: Array, tolerance: float, method: str | None = None) -> None:
         self.plant, self.tolerance = plant, tolerance
-        free = Flow(plant, numpy.zeros(len(plant.limits)))
-        self.rest = find_rest(free, x)
+        self.rest = find_rest(free_flow(plant), x)
         if self.rest is None:
-            self.rest = find_rest(free, flat_state(plant))
+            self.rest = find_rest(free_flow(plant), flat_state(plant))
         self.natural = natural_sizes(plant, self.rest)
         self.guarded = numpy.flatnonzero(numpy.isfinite(plant.limits))
         self.rows = plant.K[self.guarded].toarray() if len(self.guarded) else numpy.zeros((0, plant.size))

@@ -17,6 +17,7 @@ from scipy.sparse.linalg import splu
 
 from certify.simulate.compiled import COMPILED, compiled
 from certify.simulate.flow import Flow
+from certify.simulate.loads import straight_and_turned
 from certify.simulate.plant import Array, Part, Phasors, to_phasors
 
 Numbers = NDArray[Any]  # real or complex
@@ -106,11 +107,9 @@ class Nodal:
         """The static loads with their slopes at a state, of which (p,) is kept."""
         loads = self.flow.plant.loads
         J = loads.slopes(self.voltages(kept[None, :])[0]) if self.S.shape[0] else numpy.empty((0, 2, 2))
-        dd, dq, qd, qq = J.reshape(-1, 4).T.astype(complex)
         k = len(J)
         blocks = csr_matrix((J.reshape(-1), _pairs(k), 2 * numpy.arange(2 * k + 1)), shape=(2 * k, 2 * k))
-        straight, turned = (dd + qq + 1j * (qd - dq)) / 2, (dd - qq + 1j * (qd + dq)) / 2
-        return Loads(self.flow, straight, turned, csr_matrix(self.D @ (blocks @ self.S)))
+        return Loads(self.flow, *straight_and_turned(J), csr_matrix(self.D @ (blocks @ self.S)))
 
     def shifted(self, shift: complex, loads: Loads) -> Shifted:
         """The factors of shift - J, real arithmetic for a real shift. Raises: RuntimeError if it is singular."""

@@ -31,6 +31,7 @@ from certify.kernel.spec import (
     StateFeedback,
 )
 from certify.simulate.loads import StaticLoads
+from certify.simulate.stamps import Stamps
 
 Array = NDArray[numpy.floating[Any]]
 Phasors = NDArray[numpy.complex128]
@@ -123,7 +124,7 @@ class Plant:
     def _stamp(self) -> None:
         """Write down Kirchhoff's laws: every element adds to the equations of the parts that it touches."""
         n, m, k = self.size, 2 * len(self.inverters), 2 * len(self.loaded)
-        A, G, D, K, S = _Stamps(n, n), _Stamps(n, m), _Stamps(n, k), _Stamps(m, n), _Stamps(k, n)
+        A, G, D, K, S = Stamps(n, n), Stamps(n, m), Stamps(n, k), Stamps(m, n), Stamps(k, n)
         b, u0, s = numpy.zeros(n), numpy.zeros(m), numpy.zeros(k)
         for name in self.nodes:
             if name in self.loops:
@@ -195,7 +196,7 @@ class Plant:
     @cached_property
     def voltages(self) -> tuple[csr_matrix, Array]:
         """The matrix and the constant of V = matrix x + constant, all nodes in the order of the spec."""
-        rows, offsets = _Stamps(2 * len(self.nodes), self.size), numpy.zeros(2 * len(self.nodes))
+        rows, offsets = Stamps(2 * len(self.nodes), self.size), numpy.zeros(2 * len(self.nodes))
         for k, name in enumerate(self.nodes):
             at, reads, offset = self.read_voltage(name)
             rows.add(slice(2 * k, 2 * k + 2), at, reads)
@@ -225,7 +226,7 @@ class Plant:
     def load_slopes(self, x: Array) -> csr_matrix:
         """The part of the Jacobian of the rates that is due to static loads, with its sign. Shape (n, n)."""
         blocks = self.loads.slopes(to_phasors(self.S @ x + self.s))
-        middle = _Stamps(2 * len(blocks), 2 * len(blocks))
+        middle = Stamps(2 * len(blocks), 2 * len(blocks))
         for j, block in enumerate(blocks):
             middle.add(slice(2 * j, 2 * j + 2), slice(2 * j, 2 * j + 2), block)
         return csr_matrix(-self.D @ middle.matrix() @ self.S)
@@ -272,29 +273,6 @@ class Plant:
                 wanted = V + complex(inverter.resistance_ohm, self.w0 * inverter.inductance_henry) * current
                 x[self.slices["integrator", name]] = settled(inverter, V, current, wanted)
         return x
-
-
-class _Stamps:
-    """A sparse matrix to which small blocks are added."""
-
-    def __init__(self, rows: int, columns: int) -> None:
-        self.shape = (rows, columns)
-        self.entries: list[tuple[int, int, Array]] = []
-
-    def add(self, rows: slice, columns: slice, block: Array) -> None:
-        self.entries.append((rows.start, columns.start, block))
-
-    def matrix(self) -> csr_matrix:
-        if not self.entries:
-            return csr_matrix(self.shape)
-        sizes = [block.shape for _, _, block in self.entries]
-        rows = [numpy.repeat(numpy.arange(r, r + a), b) for (r, _, _), (a, b) in zip(self.entries, sizes, strict=True)]
-        columns = [numpy.tile(numpy.arange(c, c + b), a) for (_, c, _), (a, b) in zip(self.entries, sizes, strict=True)]
-        values = [block.reshape(-1) for _, _, block in self.entries]
-        where = (numpy.concatenate(rows), numpy.concatenate(columns))
-        result = csr_matrix((numpy.concatenate(values), where), shape=self.shape)
-        result.eliminate_zeros()
-        return result
 
 
 class Loop:

@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent))  # so tha
 
 from certify.inputs import decode_all
 from certify.simulate.compiled import COMPILED
-from certify.simulate.flow import Flow, find_rest
+from certify.simulate.flow import Flow, find_rest, free_flow
 from certify.simulate.implicit import Collocation
 from certify.simulate.motion import Follower, natural_sizes
 from certify.simulate.plant import Plant
@@ -180,7 +180,7 @@ def cigre(beside: bool) -> dict[str, Any]:
     for tolerance in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9) if beside else ():
         error, taken, steps = 0.0, 0.0, 0
         for plant, x, span, reference, _, largest in phases:
-            flow = Flow(plant, numpy.zeros(len(plant.limits)))
+            flow = free_flow(plant)
             seconds, own = radau(flow, x, span, tolerance, largest, True)
             error, taken, steps = max(error, of_steps(own, reference, largest)), taken + seconds, steps + len(own[0])
         theirs.append((error, taken, steps))
@@ -197,14 +197,14 @@ def large_case(nodes: int, mesh: bool, start: str) -> tuple[Flow, Array]:
     plant = Plant(decode_all(data))
     x = flat_state(plant)
     if start == "step":
-        rest = find_rest(Flow(plant, numpy.zeros(len(plant.limits))), x)
+        rest = find_rest(free_flow(plant), x)
         assert rest is not None
         spec = json.loads(data)
         for k in range(2, nodes, 100):
             load = spec["node"][f"n{k}"]["load"][0]
             load["P"] = [f"{float(load['P'][0].split()[0]) + STEPPED} kW", load["P"][1]]
         plant, x = Plant(decode_all(json.dumps(spec).encode())), rest
-    return Flow(plant, numpy.zeros(len(plant.limits))), x
+    return free_flow(plant), x
 
 
 def middle(beside: bool, mesh: bool, start: str, span: float) -> dict[str, Any]:
