@@ -19,9 +19,10 @@ from certify.crosscheck.energy import Storage, Watch
 from certify.crosscheck.falsify import Falsifier
 from certify.crosscheck.findings import Finding, worst
 from certify.crosscheck.model import DENSE_STATES, compare_model, compare_rest, find_reference
-from certify.crosscheck.run import CrossCheck
+from certify.crosscheck.run import Checked, CrossCheck
 from certify.inputs import decode_all
 from certify.phases import read_phases
+from certify.report.crosscheck import to_dict
 from certify.report.scenario import prove_phases
 from certify.simulate.motion import Follower, natural_sizes
 from certify.simulate.plant import Array, Plant
@@ -173,6 +174,13 @@ def test_no_number_never_agrees() -> None:
     found = Finding("model", "x", float("nan"), 1.0)
     assert not found.agrees
     assert worst([Finding("model", "y", 2.0, 1.0), found]) is found
+
+
+def test_what_is_no_number_is_null_for_machines() -> None:
+    checked = Checked(1, "certified", findings=[Finding("equilibrium", "a", float("nan"), 1e-8)])
+    told = to_dict([checked], None)
+    assert told["contradicted"]
+    assert json.loads(json.dumps(told, allow_nan=False))["phases"][0]["contradictions"][0]["value"] is None
 
 
 # --- as users meet it ----------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from certify.crosscheck.run import Checked, CrossCheck
 from certify.inputs import read
 from certify.kernel.errors import Fault, SpecError
 from certify.report.layout import table
+from certify.report.machine import finite
 from certify.report.text import paint
 from certify.samples import write_samples
 from certify.simulation import TOLERANCE, Course, Progress, Simulation, simulate_course
@@ -150,7 +151,7 @@ def to_dict(checked: Iterable[Checked], kept: str | None) -> dict[str, Any]:
         for entry in checked
     ]
     contradicted = any(entry["contradictions"] for entry in phases)
-    return {"contradicted": contradicted, "kept": kept, "phases": phases}
+    return {"contradicted": contradicted, "kept": kept, "phases": finite(phases)}
 
 
 def after_proof(
