@@ -50,7 +50,7 @@ def decode_all(data: bytes) -> Microgrid:
         faults += error.faults
     raw: Any = document.get("scenario")
     if raw is not None:
-        from certify.simulate.scenario import find_faults
+        from certify.simulator.scenario import find_faults
 
         faults += find_faults(document)
     if grid is not None:

@@ -42,7 +42,7 @@ from certify.kernel.spec import (
     integrates,
 )
 from certify.phases import Phase, series_loads
-from certify.simulate.scenario import Event, Target, law_reader
+from certify.simulator.scenario import Event, Target, law_reader
 from certify.storages import proved_storages
 
 # What a state is of: ("voltage", node), ("line", name), ("branch", node, index in the spec's list of loads),

@@ -20,7 +20,7 @@ from certify.kernel.claims import to_text
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import shorten
 from certify.kernel.reader import read_document, shown
-from certify.simulate.scenario import Event, Scenario, Target, decode_scenarios
+from certify.simulator.scenario import Event, Scenario, Target, decode_scenarios
 
 MAX_TOTAL_BYTES = 1 << 28  # of the specs of all phases together
 SHOWN_NAMES = 12

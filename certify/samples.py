@@ -21,10 +21,10 @@ from certify.inputs import read
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import shorten
 from certify.kernel.reader import MAX_BYTES, unique
-from certify.simulate.motion import BOUND, natural_sizes
-from certify.simulate.plant import Array
-from certify.simulate.scenario import STARTS
 from certify.simulation import MAX_NUMBERS, Course, Simulation, column_names
+from certify.simulator.motion import BOUND, natural_sizes
+from certify.simulator.plant import Array
+from certify.simulator.scenario import STARTS
 
 SUFFIXES = (".npz", ".csv")
 FORMAT = "certify/simulation@1"

@@ -20,9 +20,9 @@ import numpy
 from scipy.optimize import brentq
 
 from certify.phases import Phase
-from certify.simulate.motion import Piece
-from certify.simulate.plant import Array
 from certify.simulation import Simulation, Stage
+from certify.simulator.motion import Piece
+from certify.simulator.plant import Array
 
 LOOKS = 32  # at least, at a window
 MOST_LOOKS = 1 << 13

@@ -15,11 +15,11 @@ from certify.kernel.errors import Fault, SpecError
 from certify.kernel.reader import read_document
 from certify.kernel.spec import Microgrid
 from certify.phases import Phase, indices_of_loads, read_phases, series_loads
-from certify.simulate.motion import Diverged, Follower, Piece
-from certify.simulate.plant import TITLES, Array, Part, Plant
-from certify.simulate.resets import Switchboard, after_events
-from certify.simulate.scenario import decode_scenarios, law_reader
-from certify.simulate.starts import start_state
+from certify.simulator.motion import Diverged, Follower, Piece
+from certify.simulator.plant import TITLES, Array, Part, Plant
+from certify.simulator.resets import Switchboard, after_events
+from certify.simulator.scenario import decode_scenarios, law_reader
+from certify.simulator.starts import start_state
 
 DEFAULT_END = Fraction(1)
 DEFAULT_SAMPLES = 1000

@@ -35,8 +35,8 @@ from certify.kernel.check import check
 from certify.kernel.claims import Verdict
 from certify.kernel.errors import Rejected, RuleFailure
 from certify.kernel.spec import Microgrid, decode
-from certify.simulate.motion import Diverged, Follower, Piece, natural_sizes
-from certify.simulate.plant import Array, Plant
+from certify.simulator.motion import Diverged, Follower, Piece, natural_sizes
+from certify.simulator.plant import Array, Plant
 from tests.mutation_cases import EXEMPT, MOTION_SECOND, NUMBERS, OFFSETS, SPECS
 
 Proved = tuple[bytes, Verdict]
@@ -90,7 +90,7 @@ FUNCTIONS: dict[str, tuple[str, ...]] = {
         "_complex",
         "_real",
     ),
-    "simulate.plant": (
+    "simulator.plant": (
         "J",
         "I2",
         "Plant.__init__",
@@ -119,7 +119,7 @@ FUNCTIONS: dict[str, tuple[str, ...]] = {
         "_state_feedback",
         "_ida_pbc",
     ),
-    "simulate.loads": (
+    "simulator.loads": (
         "StaticLoads.__init__",
         "StaticLoads.currents",
         "StaticLoads.slopes",
@@ -134,7 +134,7 @@ FUNCTIONS: dict[str, tuple[str, ...]] = {
         "_terms",
         "_formula_slope",
     ),
-    "simulate.flow": (
+    "simulator.flow": (
         "Flow.A",
         "Flow.b",
         "Flow.rates",
@@ -146,7 +146,7 @@ FUNCTIONS: dict[str, tuple[str, ...]] = {
 # Where only what is assigned to these is part of the model.
 ONLY = {
     ("kernel.equilibrium", "strong_monotonicity"): ("current", "(own, current)"),
-    ("simulate.flow", "find_rest"): ("step", "trial"),
+    ("simulator.flow", "find_rest"): ("step", "trial"),
 }
 TARGETS = tuple((module, name) for module, names in FUNCTIONS.items() for name in names)
 
@@ -216,7 +216,7 @@ class Mutant:
 
     @property
     def side(self) -> str:
-        return SIMULATOR if self.module.startswith("simulate") else KERNEL
+        return SIMULATOR if self.module.startswith("simulator") else KERNEL
 
     @property
     def key(self) -> str:
@@ -503,7 +503,7 @@ def target(module: str, name: str) -> Target:
 @contextmanager
 def uncompiled() -> Iterator[None]:
     """The simulator's inner loops as Python, so that they can be changed."""
-    modules = [importlib.import_module(f"certify.simulate.{name}") for name in ("loads", "exponential")]
+    modules = [importlib.import_module(f"certify.simulator.{name}") for name in ("loads", "exponential")]
     before = [(vars(home), name, f) for home in modules for name, f in vars(home).items() if hasattr(f, "py_func")]
     for names, name, function in before:
         names[name] = function.py_func
@@ -629,7 +629,7 @@ def coverage() -> dict[tuple[str, str], Coverage]:
     result = {(module, name): Coverage() for module, name in TARGETS}
     for each in cases():
         for side in (KERNEL, SIMULATOR):
-            chosen = [key for key in TARGETS if (key[0].startswith("simulate")) == (side == SIMULATOR)]
+            chosen = [key for key in TARGETS if (key[0].startswith("simulator")) == (side == SIMULATOR)]
             with quiet(), uncompiled(), ExitStack() as stack:
                 for key in chosen:
                     stack.enter_context(target(*key).swapped(None, partial(_note, result[key], each.name)))

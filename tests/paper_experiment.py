@@ -29,10 +29,10 @@ from certify.crosscheck.run import Checked, CrossCheck
 from certify.kernel.check import check
 from certify.report.scenario import prove_phases
 from certify.settling import DguCourse, PhaseCourse, Watch
-from certify.simulate.flow import free_flow
-from certify.simulate.motion import Piece
-from certify.simulate.plant import Array, settled
 from certify.simulation import Course, Simulation, Stage, simulate
+from certify.simulator.flow import free_flow
+from certify.simulator.motion import Piece
+from certify.simulator.plant import Array, settled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from certify.certificate import prove
+from certify.commands import COMMANDS, command_module
 from tests.conftest import ROOT
 
 KERNEL = sorted((ROOT / "certify" / "kernel").glob("*.py"))
@@ -34,8 +35,9 @@ LAYERS = [
     "settling",
     "crosscheck",
     "load_tables",
+    "exits",
     "report",
-    "options",
+    "commands",
     "cli",
 ]  # an arrow points from left to right only
 LIMIT = 2_850  # lines of code that the stability of every equilibrium rests on; "small enough to read in one sitting"
@@ -117,13 +119,20 @@ def test_arrows_point_one_way() -> None:
                 assert name.split(".")[1] not in later, f"{path.name} imports {name}"
 
 
+def test_every_module_of_a_command_is_a_command() -> None:
+    files = {path.stem for path in (ROOT / "certify" / "commands").glob("*.py")} - {"__init__", "common"}
+    assert files == {command_module(name).__name__.split(".")[-1] for name in COMMANDS}
+    for name in COMMANDS:
+        assert f"certify {name} " in command_module(name).EXAMPLE
+
+
 def test_the_simulator_shares_no_model_with_the_kernel() -> None:
     """It reads the same spec, and tells faults in the same way: no equation, matrix or load law is common to both."""
     shared = {"spec", "errors", "quantity", "reader", "claims"}
-    for path in (ROOT / "certify" / "simulate").glob("*.py"):
+    for path in (ROOT / "certify" / "simulator").glob("*.py"):
         for name in imported(path):
             parts = name.split(".")
-            assert parts[0] != "certify" or parts[1] == "simulate" or (parts[1] == "kernel" and parts[2] in shared), (
+            assert parts[0] != "certify" or parts[1] == "simulator" or (parts[1] == "kernel" and parts[2] in shared), (
                 name
             )
 

@@ -16,7 +16,7 @@ from tests.conftest import ROOT
 RUN = (
     "import sys, numpy\n"
     "from fractions import Fraction\n"
-    "from certify.simulate.compiled import COMPILED\n"
+    "from certify.simulator.compiled import COMPILED\n"
     "from certify.simulation import simulate\n"
     "spec = open(sys.argv[1], 'rb').read()\n"
     "found = simulate(spec, end=Fraction(1, 100), samples=20, method=sys.argv[2])\n"

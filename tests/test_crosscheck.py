@@ -24,10 +24,10 @@ from certify.inputs import decode_all
 from certify.phases import read_phases
 from certify.report.crosscheck import to_dict
 from certify.report.scenario import prove_phases
-from certify.simulate.motion import Follower, natural_sizes
-from certify.simulate.plant import Array, Plant
-from certify.simulate.starts import start_state
 from certify.simulation import Course, simulate
+from certify.simulator.motion import Follower, natural_sizes
+from certify.simulator.plant import Array, Plant
+from certify.simulator.starts import start_state
 from tests.bench.networks import microgrid
 from tests.conftest import ROOT
 

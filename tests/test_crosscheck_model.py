@@ -13,8 +13,8 @@ from certify.certificate import prove
 from certify.crosscheck.claimed import Claimed
 from certify.crosscheck.model import compare_loads, compare_model, compare_rest, find_reference
 from certify.kernel.spec import decode
-from certify.simulate.plant import Plant
-from certify.simulate.starts import zero_state
+from certify.simulator.plant import Plant
+from certify.simulator.starts import zero_state
 from tests.mutation_cases import CURRENT, RL, SPECS, ZIP, dgu, spec
 
 

@@ -12,12 +12,12 @@ from scipy.linalg import expm
 
 from certify.inputs import decode_all
 from certify.kernel.spec import Microgrid
-from certify.simulate.exponential import Exponential, Modes
-from certify.simulate.flow import Flow, find_rest
-from certify.simulate.implicit import Collocation
-from certify.simulate.midpoint import audit
-from certify.simulate.nodal import Nodal
-from certify.simulate.plant import Plant
+from certify.simulator.exponential import Exponential, Modes
+from certify.simulator.flow import Flow, find_rest
+from certify.simulator.implicit import Collocation
+from certify.simulator.midpoint import audit
+from certify.simulator.nodal import Nodal
+from certify.simulator.plant import Plant
 from tests.bench.networks import microgrid
 from tests.conftest import ROOT
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from certify.kernel.model import J, dgu_port, incidence
-from certify.simulate.plant import Plant
+from certify.simulator.plant import Plant
 from tests import mutants
 from tests.mutants import KERNEL, SIMULATOR, TARGETS, Mutant, case, judge_all, target
 from tests.mutation_cases import EXEMPT, SPECS
@@ -92,8 +92,8 @@ def test_a_mutant_is_seen_by_all_and_taken_back() -> None:
     assert dgu_port(dgu, w0, w0) == port
     assert (J[0][1], J[1][0]) == (-1, 1)
     x = case("open").states[0]
-    right, method = plant.voltage(x, "a"), target("simulate.plant", "Plant.voltage")
-    with method.swapped(mutants.mutants("simulate.plant", "Plant.voltage")[0].index):
+    right, method = plant.voltage(x, "a"), target("simulator.plant", "Plant.voltage")
+    with method.swapped(mutants.mutants("simulator.plant", "Plant.voltage")[0].index):
         assert plant.voltage(x, "a") == -right
     assert plant.voltage(x, "a") == right
 

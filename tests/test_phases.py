@@ -24,7 +24,7 @@ from certify.kernel.model import node_capacitances
 from certify.kernel.spec import ExpLoad, IdaPbc, LinearLoop, Microgrid, Node, StateFeedback, ZipLoad, components, decode
 from certify.phases import Phase, read_phases, series_loads
 from certify.report.files import write_folder
-from certify.simulate.scenario import Target
+from certify.simulator.scenario import Target
 from tests.test_bad_input import GOOD
 
 CIGRE, PRINTED = "specs/cigre-mv.toml", "specs/cigre-mv-as-printed.toml"

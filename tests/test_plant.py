@@ -20,7 +20,7 @@ from certify.kernel.proofs import full_storage
 from certify.kernel.rules import storage_at
 from certify.kernel.spec import LinearLoop, Microgrid, Node
 from certify.rests import read_rest
-from certify.simulate.plant import Plant
+from certify.simulator.plant import Plant
 from tests.bench.networks import microgrid
 from tests.conftest import ROOT
 from tests.test_equilibrium import oscillator

@@ -13,13 +13,13 @@ import pytest
 from certify.inputs import decode_all
 from certify.kernel.errors import SpecError
 from certify.kernel.spec import ExpLoad, Node, ZipLoad
-from certify.simulate.exponential import Exponential, Modes
-from certify.simulate.flow import find_held_rest, find_rest, flow_at, free_flow
-from certify.simulate.loads import StaticLoads
-from certify.simulate.motion import Follower, natural_sizes
-from certify.simulate.plant import Plant, to_phasors
-from certify.simulate.starts import flat_voltages, start_state
 from certify.simulation import Course, Simulation, simulate
+from certify.simulator.exponential import Exponential, Modes
+from certify.simulator.flow import find_held_rest, find_rest, flow_at, free_flow
+from certify.simulator.loads import StaticLoads
+from certify.simulator.motion import Follower, natural_sizes
+from certify.simulator.plant import Plant, to_phasors
+from certify.simulator.starts import flat_voltages, start_state
 from tests.conftest import ROOT
 from tests.simulation_cases import SCENARIO, Case
 from tests.simulation_oracle import difference

@@ -11,9 +11,9 @@ import numpy
 
 from certify.crosscheck.energy import Storage
 from certify.crosscheck.findings import Finding
-from certify.simulate.flow import free_flow
-from certify.simulate.midpoint import audit
-from certify.simulate.plant import Array
+from certify.simulator.flow import free_flow
+from certify.simulator.midpoint import audit
+from certify.simulator.plant import Array
 
 STEPS = 200
 SECONDS = 2e-3

@@ -21,8 +21,8 @@ from certify.kernel.linalg import Matrix
 from certify.kernel.model import feedback, incidence
 from certify.kernel.spec import NO_TOLERANCE, IdaPbc, LinearLoop, Node, SeriesBranch
 from certify.rests import Region, Rest, read_region, read_rest
-from certify.simulate.plant import Array, Part, Plant
-from certify.simulate.stamps import Stamps
+from certify.simulator.plant import Array, Part, Plant
+from certify.simulator.stamps import Stamps
 from certify.storages import proved_storages
 
 STEP = Fraction(1, 64)  # volt, for the slopes of load currents: their curvature is nothing beside it

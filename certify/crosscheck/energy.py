@@ -16,9 +16,9 @@ from scipy.sparse import csr_matrix
 
 from certify.crosscheck.claimed import Claimed, Subsystem
 from certify.crosscheck.findings import Finding
-from certify.simulate.motion import Piece
-from certify.simulate.plant import Array
-from certify.simulate.stamps import Stamps
+from certify.simulator.motion import Piece
+from certify.simulator.plant import Array
+from certify.simulator.stamps import Stamps
 
 LOOKS = 8  # at a piece
 NODES = 12  # of Gauss quadrature on an interval

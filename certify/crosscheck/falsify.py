@@ -17,9 +17,9 @@ from scipy.sparse import csr_matrix, identity, vstack
 
 from certify.crosscheck.energy import Storage, Watch
 from certify.crosscheck.findings import Finding
-from certify.simulate.flow import free_flow
-from certify.simulate.motion import Diverged, Follower, natural_sizes
-from certify.simulate.plant import Array
+from certify.simulator.flow import free_flow
+from certify.simulator.motion import Diverged, Follower, natural_sizes
+from certify.simulator.plant import Array
 
 SHARES = (0.999, 0.9, 0.5, 0.999)  # of the level c, in turn
 BEYOND = (2.0, 10.0, 100.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from certify.simulate.plant import Array
+from certify.simulator.plant import Array
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from certify.crosscheck.findings import Finding
 from certify.kernel.model import to_state_feedback
 from certify.kernel.spec import ConstantVoltage, IdaPbc, LinearLoop
 from certify.rests import Rest
-from certify.simulate.flow import Flow, find_rest, flow_at, free_flow
-from certify.simulate.motion import natural_sizes
-from certify.simulate.plant import Array, Plant
-from certify.simulate.starts import flat_state
+from certify.simulator.flow import Flow, find_rest, flow_at, free_flow
+from certify.simulator.motion import natural_sizes
+from certify.simulator.plant import Array, Plant
+from certify.simulator.starts import flat_state
 
 DENSE_STATES = 500  # up to which every entry of the Jacobian is compared on its own
 PROBES = 3  # random directions for each kind of state beyond that

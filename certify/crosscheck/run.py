@@ -15,9 +15,9 @@ from certify.crosscheck.findings import Finding
 from certify.crosscheck.model import compare_loads, compare_model, compare_rest, find_reference
 from certify.kernel.check import check
 from certify.phases import Phase
-from certify.simulate.motion import Piece, natural_sizes
-from certify.simulate.plant import Array
 from certify.simulation import Stage
+from certify.simulator.motion import Piece, natural_sizes
+from certify.simulator.plant import Array
 
 ATTEMPTS = 8  # on each island with a region
 MAX_ATTEMPT_STATES = 400  # beyond which no attempts are made: each is a simulation of its own

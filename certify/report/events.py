@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from certify.report.text import approximate
-from certify.simulate.scenario import Event
+from certify.simulator.scenario import Event
 
 
 def event_in_words(event: Event) -> str:

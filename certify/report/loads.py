@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 
 from certify.certificate import open_atomically
 from certify.diagnostics import DIAGNOSTICS
+from certify.exits import EXIT_CODES, worst_of
 from certify.inputs import decode_all, read
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.reader import read_document
@@ -63,7 +64,7 @@ class Summary:
             self.results.append(result)
 
 
-def run(options: Any, progress: Any, exit_codes: dict[str, int], worst_first: Iterable[int]) -> int:
+def run(options: Any, progress: Any) -> int:
     """Decide the table or spec that the options name, write what they ask for, print the summary; the exit code.
 
     Raises: SpecError for a file that is neither, or for options that do not fit.
@@ -101,7 +102,7 @@ def run(options: Any, progress: Any, exit_codes: dict[str, int], worst_first: It
     files = [path for path in (options.output, options.cert) if path]
     if options.plot is not None:
         files += load_figures.draw_figures(options, summary.results)
-    code = next(c for c in worst_first if c in _codes(summary, exit_codes))
+    code = _code(summary)
     if options.json:
         print(json.dumps(_as_dict(options.table, summary, files, code), indent=1, ensure_ascii=False))
     else:
@@ -142,9 +143,9 @@ def _check_outputs(options: Any, is_spec: bool) -> None:
     parse_band(options.band)
 
 
-def _codes(summary: Summary, exit_codes: dict[str, int]) -> set[int]:
+def _code(summary: Summary) -> int:
     names = {"proved": "certified"}
-    return {exit_codes[names.get(verdict, verdict)] for verdict in summary.verdicts} or {0}
+    return worst_of(EXIT_CODES[names.get(verdict, verdict)] for verdict in summary.verdicts)
 
 
 def _listed(summary: Summary) -> tuple[Fault, ...]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from certify.certificate import Certificate, prove
+from certify.exits import EXIT_CODES, worst_of
 from certify.inputs import read
 from certify.jumps import Jump, find_jumps
 from certify.kernel.spec import decode
@@ -21,7 +22,7 @@ from certify.report.machine import verdict_to_dict
 from certify.report.network import summary
 from certify.report.text import approximate, open_claims, paint, stability
 from certify.search.prove import Progress
-from certify.simulate.scenario import Event
+from certify.simulator.scenario import Event
 
 SHOWN_ISLANDS = 12
 SHOWN_PHASES = 12
@@ -43,8 +44,8 @@ class ProvedPhase:
     jumps: tuple[Jump, ...]
 
 
-def run(options: argparse.Namespace, bar: Any, codes: dict[str, int], worst: tuple[int, ...]) -> int:
-    """The command `certify prove --scenario`. Returns the exit code: the worst of all phases in the order of `worst`.
+def run(options: argparse.Namespace, bar: Any) -> int:
+    """The command `certify prove --scenario`. Returns the exit code: the worst of all phases.
 
     With `--simulate` the scenario is then simulated and compared. `bar` opens a progress bar.
 
@@ -62,8 +63,7 @@ def run(options: argparse.Namespace, bar: Any, codes: dict[str, int], worst: tup
         for pair, entry in zip(names, proved, strict=True):
             files |= dict(zip(pair, (entry.phase.spec, entry.certificate.data), strict=True))
         write_folder(options.output, files)
-    outcomes = {codes[entry.certificate.verdict.outcome]: entry.certificate.verdict.outcome for entry in proved}
-    code = next(code for code in worst if code in outcomes)
+    code = worst_of(EXIT_CODES[entry.certificate.verdict.outcome] for entry in proved)
     found, told = None, list[str]()
     if options.simulate:
         from certify.report.crosscheck import CONTRADICTED, after_proof, render, to_dict  # numpy, only for this

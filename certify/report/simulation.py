@@ -35,10 +35,10 @@ from certify.report.machine import finite
 from certify.report.text import paint
 from certify.samples import SUFFIXES, read_state, write_samples
 from certify.settling import DguCourse, PhaseCourse, Watch
-from certify.simulate.motion import Piece
-from certify.simulate.plant import Array
-from certify.simulate.scenario import STARTS
 from certify.simulation import Course, Simulation, Stage, simulate_course
+from certify.simulator.motion import Piece
+from certify.simulator.plant import Array
+from certify.simulator.scenario import STARTS
 
 SIMULATED, DIVERGED = 0, 3  # exit codes: no float refutes anything
 BAND = "0.01 %"

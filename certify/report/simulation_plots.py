@@ -9,8 +9,8 @@ import numpy
 
 from certify.report.figures import shorten_name, style
 from certify.settling import PhaseCourse
-from certify.simulate.plant import Array
 from certify.simulation import AXES, Course, Simulation
+from certify.simulator.plant import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,6 +8,7 @@ import sys
 from fractions import Fraction
 from typing import Any
 
+from certify.exits import EXIT_CODES
 from certify.inputs import read
 from certify.report.files import check_targets, write_results
 from certify.report.layout import table
@@ -16,7 +17,7 @@ from certify.search.prove import Progress
 from certify.synthesis import SETTLED, Bracket, Synthesis, synthesize
 
 
-def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str, int]) -> int:
+def run(options: argparse.Namespace, progress: Progress | None) -> int:
     """The command `certify synth`: synthesise, write the files if certified, print. Returns the exit code.
 
     Raises: SpecError for bad input, or for files that cannot be written; Rejected.
@@ -35,7 +36,7 @@ def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str,
     )
     if result.met and result.spec is not None and result.certificate is not None:
         write_results(options, result.spec, result.certificate.data)
-    code = codes["certified" if result.met else "unknown"]
+    code = EXIT_CODES["certified" if result.met else "unknown"]
     if options.json:
         print(json.dumps(synthesis_to_dict(result, files, code), indent=1, ensure_ascii=False))
     else:

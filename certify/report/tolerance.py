@@ -7,6 +7,7 @@ import json
 import sys
 from typing import Any
 
+from certify.exits import EXIT_CODES
 from certify.inputs import read
 from certify.report.files import check_targets, write_results
 from certify.report.text import open_claims, paint
@@ -15,7 +16,7 @@ from certify.search.synthesis import to_percent
 from certify.tolerance import PARTS, LargestTolerance, largest_tolerance
 
 
-def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str, int]) -> int:
+def run(options: argparse.Namespace, progress: Progress | None) -> int:
     """The command `certify tolerance`. Returns the exit code: that of the spec without any tolerance.
 
     Raises: SpecError for bad input, or for files that cannot be written; Rejected.
@@ -25,7 +26,7 @@ def run(options: argparse.Namespace, progress: Progress | None, codes: dict[str,
     result = largest_tolerance(read(options.spec), of, progress)
     if result.low is not None:
         write_results(options, result.spec, result.certificate.data)
-    code = codes[result.certificate.verdict.outcome]
+    code = EXIT_CODES[result.certificate.verdict.outcome]
     if options.json:
         print(json.dumps(tolerance_to_dict(result, options, code), indent=1, ensure_ascii=False))
     else:

@@ -27,13 +27,13 @@ from scipy.sparse import csc_matrix
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent))  # so that it runs as a script
 
 from certify.inputs import decode_all
-from certify.simulate.compiled import COMPILED
-from certify.simulate.flow import Flow, find_rest, free_flow
-from certify.simulate.implicit import Collocation
-from certify.simulate.motion import Follower, natural_sizes
-from certify.simulate.plant import Plant
-from certify.simulate.starts import flat_state
 from certify.simulation import Course
+from certify.simulator.compiled import COMPILED
+from certify.simulator.flow import Flow, find_rest, free_flow
+from certify.simulator.implicit import Collocation
+from certify.simulator.motion import Follower, natural_sizes
+from certify.simulator.plant import Plant
+from certify.simulator.starts import flat_state
 from tests.bench.networks import microgrid
 
 ROOT = Path(__file__).resolve().parent.parent.parent

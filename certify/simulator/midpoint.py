@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy
 
-from certify.simulate.flow import Flow
-from certify.simulate.nodal import Nodal
-from certify.simulate.plant import Array
+from certify.simulator.flow import Flow
+from certify.simulator.nodal import Nodal
+from certify.simulator.plant import Array
 
 ITERATIONS = 50
 SETTLED = 1e-15  # of the largest current of a load: a change with which iterations end

@@ -18,8 +18,8 @@ from typing import Any
 import numpy
 
 from certify.kernel.spec import Filter, LinearLoop, Microgrid
-from certify.simulate.plant import Array, Inverter, Loop, Part, Plant, inverter_of, settled
-from certify.simulate.scenario import Event, Target
+from certify.simulator.plant import Array, Inverter, Loop, Part, Plant, inverter_of, settled
+from certify.simulator.scenario import Event, Target
 
 State = dict[Part, Array]  # of each part its own states: two, or those of a linear loop
 

@@ -7,8 +7,8 @@ from collections import deque
 import numpy
 
 from certify.kernel.spec import Microgrid
-from certify.simulate.flow import find_held_rest
-from certify.simulate.plant import Array, Plant
+from certify.simulator.flow import find_held_rest
+from certify.simulator.plant import Array, Plant
 
 
 def start_state(plant: Plant, start: str) -> Array | None:

@@ -9,7 +9,7 @@ import numpy
 from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
-from certify.simulate.plant import Array, Plant
+from certify.simulator.plant import Array, Plant
 
 NEWTON_STEPS = 40
 HALVINGS = 30

@@ -9,7 +9,7 @@ import numpy
 from numpy.typing import NDArray
 
 from certify.kernel.spec import ExpLoad, Node, ZipLoad
-from certify.simulate.compiled import compiled
+from certify.simulator.compiled import compiled
 
 Array = NDArray[numpy.floating[Any]]
 Phasors = NDArray[numpy.complex128]

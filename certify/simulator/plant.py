@@ -30,8 +30,8 @@ from certify.kernel.spec import (
     SeriesBranch,
     StateFeedback,
 )
-from certify.simulate.loads import StaticLoads
-from certify.simulate.stamps import Stamps
+from certify.simulator.loads import StaticLoads
+from certify.simulator.stamps import Stamps
 
 Array = NDArray[numpy.floating[Any]]
 Phasors = NDArray[numpy.complex128]

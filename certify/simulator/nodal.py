@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
-from certify.simulate.compiled import COMPILED, compiled
-from certify.simulate.flow import Flow
-from certify.simulate.loads import straight_and_turned
-from certify.simulate.plant import Array, Part, Phasors, to_phasors
+from certify.simulator.compiled import COMPILED, compiled
+from certify.simulator.flow import Flow
+from certify.simulator.loads import straight_and_turned
+from certify.simulator.plant import Array, Part, Phasors, to_phasors
 
 Numbers = NDArray[Any]  # real or complex
 Places = NDArray[numpy.intp]

@@ -15,9 +15,9 @@ from functools import lru_cache
 import numpy
 from numpy.polynomial import legendre
 
-from certify.simulate.flow import Flow
-from certify.simulate.nodal import Loads, Nodal, Shifted
-from certify.simulate.plant import Array, Phasors
+from certify.simulator.flow import Flow
+from certify.simulator.nodal import Loads, Nodal, Shifted
+from certify.simulator.plant import Array, Phasors
 
 STAGES = (
     11  # 300 nodes ringing for 50 ms at 1e-6: 2.2 s with 5, 1.5 s with 7, 1.1 s with 9, 0.93 s with 11, 0.94 s with 13

@@ -14,11 +14,11 @@ from typing import Protocol
 import numpy
 from scipy.optimize import brentq, minimize_scalar
 
-from certify.simulate.exponential import Exponential, Modes
-from certify.simulate.flow import Flow, find_rest, flow_at, free_flow
-from certify.simulate.implicit import Collocation
-from certify.simulate.plant import TITLES, Array, Plant, to_phasors
-from certify.simulate.starts import flat_state
+from certify.simulator.exponential import Exponential, Modes
+from certify.simulator.flow import Flow, find_rest, flow_at, free_flow
+from certify.simulator.implicit import Collocation
+from certify.simulator.plant import TITLES, Array, Plant, to_phasors
+from certify.simulator.starts import flat_state
 
 LOOKS = 32  # at the limits within a window
 SLACK = 1e-10  # of a limit, by which it is passed before a piece ends: so that a piece does not end as it begins

@@ -17,10 +17,10 @@ import numpy
 import scipy.linalg
 from numpy.polynomial import chebyshev, legendre
 
-from certify.simulate.compiled import compiled
-from certify.simulate.flow import Flow
-from certify.simulate.loads import draw, straight_and_turned
-from certify.simulate.plant import Array, Phasors, to_phasors
+from certify.simulator.compiled import compiled
+from certify.simulator.flow import Flow
+from certify.simulator.loads import draw, straight_and_turned
+from certify.simulator.plant import Array, Phasors, to_phasors
 
 POINTS = 12  # of a window, both ends included
 QUADRATURES = ((4.0, 14), (24.0, 36))  # |lambda h| up to which so many nodes are enough; beyond, see `_steady`
