@@ -13,7 +13,19 @@ from types import ModuleType
 from certify import __version__
 
 # In the order of the help. What is no name in Python has a module with an underscore.
-COMMANDS = ("prove", "check", "diff", "gate", "explain", "synth", "tolerance", "loads", "simulate")
+COMMANDS = (
+    "init",
+    "prove",
+    "check",
+    "diff",
+    "gate",
+    "explain",
+    "synth",
+    "tolerance",
+    "loads",
+    "simulate",
+    "completion",
+)
 EXAMPLES = """example:
   certify prove grid.toml -o grid.cert.json    search for proofs of every claim
   certify check grid.toml grid.cert.json       check them, without any solver
