@@ -50,7 +50,7 @@ def largest_tolerance(
     Raises: SpecError if the spec is not well formed, or no part takes a tolerance from it.
 
     >>> import certify
-    >>> found = certify.largest_tolerance(certify.read("specs/single-inverter.toml"), ("filter",))
+    >>> found = certify.largest_tolerance(certify.read("specs/single-inverter.toml"), ("load",))
     >>> found.low is not None and found.low > 0
     True
     """

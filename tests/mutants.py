@@ -707,11 +707,14 @@ def _look(each: Case, mutant: Mutant, thorough: bool) -> dict[str, str]:
     return seen
 
 
-def judge_all(module: str, name: str, thorough: bool = False) -> list[Fate]:
-    """The fates of all mutants of a function."""
+def judge_all(module: str, name: str, thorough: bool = False, every: int = 1) -> list[Fate]:
+    """The fates of all mutants of a function, or of `every` so many of them, and always of those that are exempt."""
     fates: list[Fate] = []
     recent: list[str] = []
-    for mutant in mutants(module, name):
+    reasons = exempt()
+    for k, mutant in enumerate(mutants(module, name)):
+        if k % every and mutant.key not in reasons:
+            continue
         fate = judge(mutant, recent, thorough)
         if fate.caught:
             recent = [fate.spec, *(n for n in recent if n != fate.spec)]

@@ -166,11 +166,11 @@ def plugged(start: str, end: str = "8") -> Run:
 
 
 @cache
-def balanced(end: str = "8") -> tuple[Checked, ...]:
+def balanced(end: str = "8", tolerance: float = CLOSE) -> tuple[Checked, ...]:
     """The scenario from its own start, closely, beside the certificates of its phases."""
     spec, until = variant(NAME), Fraction(end)
-    cross_check = CrossCheck(Course(spec, SCENARIO, until).phases, certificates(), CLOSE, attempts=0)
-    simulate(spec, SCENARIO, end=until, samples=1, tolerance=CLOSE, observe=cross_check.see)
+    cross_check = CrossCheck(Course(spec, SCENARIO, until).phases, certificates(), tolerance, attempts=0)
+    simulate(spec, SCENARIO, end=until, samples=1, tolerance=tolerance, observe=cross_check.see)
     return tuple(cross_check.finish())
 
 

@@ -1,4 +1,4 @@
-"""A wrong sign in any one term of the kernel's model, or of the simulator, is caught by the cross-check."""
+"""A wrong sign in one term of the kernel's model, or of the simulator, is caught by the cross-check."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def _restored() -> Iterator[None]:
 
 @pytest.mark.parametrize(("module", "function"), TARGETS, ids=[".".join(key) for key in TARGETS])
 def test_a_wrong_sign_is_caught(module: str, function: str) -> None:
-    fates = judge_all(module, function)
+    """Every third of them here, in order; all in `campaign_mutations.py`, whose report says so."""
+    fates = judge_all(module, function, every=3)
     assert fates, "no sign was found"
     missed = [fate.mutant.key for fate in fates if not fate.caught and fate.mutant.key not in REASONS]
     assert not missed, "neither caught nor exempt"
