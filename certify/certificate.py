@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from certify import __version__
-from certify.inputs import decode_all
+from certify.inputs import SpecSource, decode_all, to_bytes
 from certify.kernel.check import FORMAT, check
 from certify.kernel.claims import Verdict
 from certify.search.earlier import Earlier
@@ -38,7 +38,7 @@ class Certificate:
 
 
 def prove(
-    spec: bytes,
+    spec: SpecSource,
     progress: Progress | None = None,
     refute: bool = True,
     method: str | None = None,
@@ -46,16 +46,17 @@ def prove(
 ) -> Certificate:
     """Search for proofs of all claims of a spec, write them down and have the kernel check them from the bytes.
 
-    Without `refute` no time is spent on why a DGU with tolerances has no proof. `method`: the only one to prove loads
+    `spec`: its text in bytes, a path, a mapping, or what is built in Python: see `certify.inputs.to_bytes`. Without `refute` no time is spent on why a DGU with tolerances has no proof. `method`: the only one to prove loads
     by, of `search.methods.METHODS`; without it the cheapest that decides. `earlier`: proofs to try first.
 
     Raises: SpecError if the spec is not well formed; Rejected if the kernel turns the result down, which is a defect
     of the search and never a wrong verdict.
     """
-    found = find_claims(decode_all(spec), progress, refute, method, earlier)
+    text = to_bytes(spec)
+    found = find_claims(decode_all(text), progress, refute, method, earlier)
     notes = found.pop("notes")
-    data = write_certificate(spec, found, notes)
-    return Certificate(data, check(spec, data), notes)
+    data = write_certificate(text, found, notes)
+    return Certificate(data, check(text, data), notes)
 
 
 def write_certificate(spec: bytes, found: dict[str, Any], notes: dict[str, str], **more: str) -> bytes:

@@ -292,6 +292,22 @@ _ALL = (
         "FOLDER; or `certify prove SPEC [--scenario NAME] --simulate`, which does both",
     ),
     Diagnostic(
+        "U030",
+        "a value that no spec can hold",
+        "A spec has text, numbers, lists and tables. From Python these are str, int, float, Fraction, Decimal, complex "
+        "(a pair [d, q]), scalars and arrays of numpy, lists, tuples and mappings.",
+        "convert the value first, for example with `.tolist()` or `float()`",
+        "certify.prove({'frequency': 50, 'node': {'a': ...}, ...})",
+    ),
+    Diagnostic(
+        "U031",
+        "text where a path is expected",
+        "A str names a file. The text of a spec or certificate itself is given as bytes, because that is what "
+        "certificates are about.",
+        "`text.encode()`, or the path of a file",
+        "certify.prove(text.encode())",
+    ),
+    Diagnostic(
         "K101",
         "not a certificate",
         "The file is not JSON of the certificate's shape.",
