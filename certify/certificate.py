@@ -7,34 +7,142 @@ import json
 import os
 import platform
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from fractions import Fraction
+from functools import cached_property
 from json.encoder import encode_basestring
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, Any
 
 from certify import __version__
 from certify.inputs import SpecSource, decode_all, to_bytes
 from certify.kernel.check import FORMAT, check
-from certify.kernel.claims import Verdict
+from certify.kernel.claims import Context, Fact, Verdict
+from certify.kernel.errors import Fault, SpecError
+from certify.kernel.linalg import Matrix
+from certify.kernel.quantity import shorten
+from certify.kernel.spec import decode
 from certify.search.earlier import Earlier
 from certify.search.prove import Progress, find_claims
+from certify.storages import proved_storages
+from certify.verdicts import CertifiedClaim, Claims, NotProved, count, margins, verdict_to_dict
 
+SHOWN = 12  # claims that are not proved, in a notebook
 MAX_NESTING = 12  # levels of a certificate that are written without `json`
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Certificate:
     """A certificate that the kernel has accepted: its bytes, the verdict, and why open claims are open.
 
-    `notes` maps the id of an unknown claim to a code of `certify explain`.
+    `notes` maps the id of an unknown claim to a code of `certify explain`. `spec`: the text that all of it is about, to
+    the byte. Claims are looked up by id, as in `certificate["dgu/1"]`. A verdict has more than two values, so a
+    certificate is neither true nor false: compare `outcome`.
+
+    >>> certificate = prove("specs/two-inverters.toml")
+    >>> certificate
+    <Certificate of 'two inverters and a line': certified; 13 claims: 13 proved>
+    >>> certificate["load/a"].status, certificate.outcome == "certified"
+    ('proved', True)
     """
 
     data: bytes
     verdict: Verdict
-    notes: dict[str, str]
+    notes: dict[str, str] = field(hash=False)
+    spec: bytes
+
+    @property
+    def outcome(self) -> str:
+        """ "certified", "conditional" (if the assumptions of the ledger hold), "refuted" or "unknown"."""
+        return self.verdict.outcome
+
+    @property
+    def assumptions(self) -> tuple[tuple[str, str], ...]:
+        """The ledger: name and statement of everything that is taken as given."""
+        return self.verdict.assumptions
+
+    @cached_property
+    def claims(self) -> Claims:
+        """Every claim by its id, in the order of the spec."""
+        return Claims(self.verdict, self.notes)
+
+    def __getitem__(self, claim: str) -> CertifiedClaim:
+        """One claim. Raises: KeyError, naming what is alike, if the spec calls for no such claim."""
+        return self.claims[claim]
+
+    @property
+    def margins(self) -> Mapping[str, tuple[Fact, ...]]:
+        """By how much claims hold: exact numbers (what, value, unit) of those that are proved, by their ids."""
+        return MappingProxyType(margins(self.verdict.claims))
+
+    def storage(self, node: str, exact: bool = False) -> Any:
+        """The matrix P of the proved storage function x'Px/2 of the DGU at a node, in the states of `dgu_model`.
+
+        Shapes: (n, n), symmetric; floats in a numpy array, or with `exact` a tuple of rows of Fractions.
+        Units: joule per product of the states' units. With tolerances: P at the values of the spec.
+        Raises: NotProved if no storage function of that DGU is proved.
+
+        >>> P = prove("specs/single-inverter.toml").storage("bus")
+        >>> P.shape, bool((P == P.T).all())
+        ((6, 6), True)
+        """
+        P, _ = self._storage(node)
+        if exact:
+            return P
+        from numpy import array
+
+        return array([[float(x) for x in row] for row in P])
+
+    def shortage(self, node: str) -> Fraction:
+        """By how much the DGU at a node is not passive, in ohm: S' <= <z~, d~> + shortage |d~|^2; 0 if it is.
+
+        Raises: NotProved if nothing of the kind is proved.
+        """
+        return self._storage(node)[1]
+
+    @cached_property
+    def _storages(self) -> dict[str, tuple[Matrix, Fraction]]:
+        return proved_storages(Context(decode(self.spec)), self.data)
+
+    def _storage(self, node: str) -> tuple[Matrix, Fraction]:
+        if str(node) in self._storages:
+            return self._storages[str(node)]
+        claim = self.claims.get(f"dgu/{node}")
+        has = ", ".join(self._storages) or "none"
+        why = f"the claim about it is {claim.status}" if claim else "there is no DGU at that node"
+        raise NotProved(f"no storage function is proved at node {node!r}: {why}; proved at: {has}")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the certificate, whole or not at all. Raises: SpecError U032 if the file cannot be written."""
+        save(path, self.data)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Outcome, claims with their facts, and ledger, for JSON: exact numbers as text "p/q"."""
+        return verdict_to_dict(self.verdict, self.notes)
+
+    def __bool__(self) -> bool:
+        raise TypeError('a verdict is more than true or false; write certificate.outcome == "certified"')
+
+    def __repr__(self) -> str:
+        name = decode(self.spec).name
+        of = f" of {shorten(name)}" if name else ""
+        claims = self.verdict.claims
+        return f"<Certificate{of}: {self.outcome}; {len(claims):,} claims: {count(claims)}>"
+
+    def _repr_markdown_(self) -> str:
+        """What a notebook shows: the outcome, and every claim that is not proved, up to a dozen."""
+        claims = self.verdict.claims
+        unsettled = [claim for claim in claims if claim.status != "proved"]
+        lines = [f"**{self.outcome}**: {len(claims):,} claims, {count(claims)}", ""]
+        lines += [
+            f"- {claim.status} `{claim.id}` ({claim.rule or self.notes.get(claim.id, 'not found')})"
+            for claim in unsettled[:SHOWN]
+        ]
+        return "\n".join(lines + [f"- and {len(unsettled) - SHOWN} more"] * (len(unsettled) > SHOWN))
 
 
 def prove(
@@ -46,17 +154,22 @@ def prove(
 ) -> Certificate:
     """Search for proofs of all claims of a spec, write them down and have the kernel check them from the bytes.
 
-    `spec`: its text in bytes, a path, a mapping, or what is built in Python: see `certify.inputs.to_bytes`. Without `refute` no time is spent on why a DGU with tolerances has no proof. `method`: the only one to prove loads
-    by, of `search.methods.METHODS`; without it the cheapest that decides. `earlier`: proofs to try first.
+    `spec`: its text in bytes, a path, a mapping, or what is built in Python: see `certify.inputs.to_bytes`. Without
+    `refute` no time is spent on why a DGU with tolerances has no proof. `method`: the only one to prove loads by, of
+    `search.methods.METHODS`; without it the cheapest that decides. `earlier`: proofs to try first. `progress` is called
+    with what is done and all there is to do.
 
     Raises: SpecError if the spec is not well formed; Rejected if the kernel turns the result down, which is a defect
     of the search and never a wrong verdict.
+
+    >>> prove("specs/cigre-mv-as-printed.toml")["dgu/1"].status
+    'refuted'
     """
     text = to_bytes(spec)
     found = find_claims(decode_all(text), progress, refute, method, earlier)
     notes = found.pop("notes")
     data = write_certificate(text, found, notes)
-    return Certificate(data, check(text, data), notes)
+    return Certificate(data, check(text, data), notes, text)
 
 
 def write_certificate(spec: bytes, found: dict[str, Any], notes: dict[str, str], **more: str) -> bytes:
@@ -118,6 +231,18 @@ def write_atomically(path: Path, data: bytes) -> None:
     """Write beside the target, then rename: a reader never sees half a file. Raises: OSError."""
     with open_atomically(path) as file:
         file.write(data)
+
+
+def save(path: str | os.PathLike[str], data: bytes) -> None:
+    """As `write_atomically`, for the library. Raises: SpecError U032 that names the file."""
+    target = Path(os.fsdecode(path))
+    try:
+        if target.is_dir():
+            raise IsADirectoryError(0, "Is a directory")
+        write_atomically(target, data)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise SpecError((Fault("U032", "", f"cannot write {shorten(str(target), 200)}: {reason}"),)) from None
 
 
 @contextmanager

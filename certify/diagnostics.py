@@ -308,6 +308,12 @@ _ALL = (
         "certify.prove(text.encode())",
     ),
     Diagnostic(
+        "U032",
+        "a file that cannot be written",
+        "Files are written whole beside their place and then renamed, so a file that was there is as it was.",
+        "take a folder that is there and that you may write to",
+    ),
+    Diagnostic(
         "K101",
         "not a certificate",
         "The file is not JSON of the certificate's shape.",

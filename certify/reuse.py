@@ -163,7 +163,7 @@ def _prove_changes(spec: bytes, old: bytes, progress: Progress | None, method: s
     found = {key: document[key] for key in ("claims", "assumptions", "verdict")} | {"proofs": proofs}
     taken_over = len(entries) - len(affected)
     data = write_certificate(spec, found, {}, taken_over=f"{taken_over} claims, as accepted before")
-    return Reproved(Certificate(data, _verdict(found, facts), {}), tuple(facts), 0, taken_over, None)
+    return Reproved(Certificate(data, _verdict(found, facts), {}, spec), tuple(facts), 0, taken_over, None)
 
 
 def _accepted(old: bytes) -> tuple[Table, bytes]:

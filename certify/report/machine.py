@@ -5,29 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from certify.diagnostics import IN_FLOATS
-from certify.kernel.claims import Verdict
 from certify.kernel.errors import Fault
-
-
-def verdict_to_dict(verdict: Verdict, notes: dict[str, str]) -> dict[str, Any]:
-    """Outcome, claims and ledger; each fact as name, exact value and unit."""
-    claims = []
-    for claim in verdict.claims:
-        entry: dict[str, Any] = {
-            "id": claim.id,
-            "statement": claim.statement,
-            "status": claim.status,
-            "rule": claim.rule,
-        }
-        entry["facts"] = [{"name": name, "value": str(value), "unit": unit} for name, value, unit in claim.facts]
-        if claim.id in notes:
-            entry["reason"] = notes[claim.id]
-        if f"{claim.id} {IN_FLOATS}" in notes:
-            entry[IN_FLOATS] = notes[f"{claim.id} {IN_FLOATS}"]
-        claims.append(entry)
-    ledger = [{"name": name, "statement": text} for name, text in verdict.assumptions]
-    return {"outcome": verdict.outcome, "claims": claims, "assumptions": ledger}
+from certify.verdicts import verdict_to_dict as verdict_to_dict
 
 
 def faults_to_dict(faults: tuple[Fault, ...]) -> dict[str, Any]:
