@@ -45,7 +45,7 @@ class Certificate:
 
     >>> certificate = prove("specs/two-inverters.toml")
     >>> certificate
-    <Certificate of 'two inverters and a line': certified; 13 claims: 13 proved>
+    <Certificate: certified; 13 claims: 13 proved>
     >>> certificate["load/a"].status, certificate.outcome == "certified"
     ('proved', True)
     """
@@ -128,10 +128,8 @@ class Certificate:
         raise TypeError('a verdict is more than true or false; write certificate.outcome == "certified"')
 
     def __repr__(self) -> str:
-        name = decode(self.spec).name
-        of = f" of {shorten(name)}" if name else ""
         claims = self.verdict.claims
-        return f"<Certificate{of}: {self.outcome}; {len(claims):,} claims: {count(claims)}>"
+        return f"<Certificate: {self.outcome}; {len(claims):,} claims: {count(claims)}>"
 
     def _repr_markdown_(self) -> str:
         """What a notebook shows: the outcome, and every claim that is not proved, up to a dozen."""

@@ -314,6 +314,13 @@ _ALL = (
         "take a folder that is there and that you may write to",
     ),
     Diagnostic(
+        "U033",
+        "no such part to model",
+        "A model is of the DGU at a node, of a line, or of a DGU with axes held at limits that it has.",
+        "take one of the names in the message",
+        "certify.dgu_model(spec, 'a'); certify.line_model(spec, 'a-b')",
+    ),
+    Diagnostic(
         "K101",
         "not a certificate",
         "The file is not JSON of the certificate's shape.",
