@@ -321,6 +321,13 @@ _ALL = (
         "certify.dgu_model(spec, 'a'); certify.line_model(spec, 'a-b')",
     ),
     Diagnostic(
+        "U034",
+        "no such code",
+        "What can be explained are certificates, the codes of messages, and the names of proof rules.",
+        "take one of those in the message",
+        "certify.explain('S203'); certify.explain(certify.prove(spec))",
+    ),
+    Diagnostic(
         "K101",
         "not a certificate",
         "The file is not JSON of the certificate's shape.",

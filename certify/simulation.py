@@ -9,23 +9,26 @@ from typing import Any
 
 import numpy
 
-from certify.inputs import decode_all
+from certify.inputs import SpecSource, decode_all, to_bytes
 from certify.kernel.claims import to_text
 from certify.kernel.errors import Fault, SpecError
+from certify.kernel.quantity import QuantityError, parse_quantity
 from certify.kernel.reader import read_document
 from certify.kernel.spec import Microgrid
 from certify.phases import Phase, indices_of_loads, read_phases, series_loads
 from certify.simulator.motion import Diverged, Follower, Piece
-from certify.simulator.plant import TITLES, Array, Part, Plant
+from certify.simulator.plant import TITLES, Array, Part, Phasors, Plant
 from certify.simulator.resets import Switchboard, after_events
 from certify.simulator.scenario import decode_scenarios, law_reader
 from certify.simulator.starts import start_state
+from certify.values import to_plain
 
 DEFAULT_END = Fraction(1)
 DEFAULT_SAMPLES = 1000
 TOLERANCE = 1e-8
 MAX_NUMBERS = 1 << 27  # of all samples together: 1 GiB
 AXES = ("d", "q")
+Second = Fraction | float | str
 Progress = Callable[[float, float], None]  # s that are done, and all of them
 
 
@@ -39,13 +42,17 @@ class Stage:
     follower: Follower
 
 
-@dataclass
+@dataclass(frozen=True, eq=False, repr=False)
 class Simulation:
-    """States over time, in SI; NaN where a part is off.
+    """States over time, in SI; NaN where a part is off. In floats: what is seen here is evidence, and no proof.
 
     `times`: (t,) in s. `states`: (t, n), the columns of each part at `parts`. `diverged` says when and where the motion
     left all bounds, if it did: the times end there. `phases` has an entry for each, as far as it was simulated: the
     number of windows, of switchings in and out of limits, the method.
+
+    >>> motion = simulate("specs/two-inverters.toml", end="20 ms", samples=10)
+    >>> motion.voltages["a"].dtype, motion.line_currents["a-b"].shape
+    (dtype('complex128'), (11,))
     """
 
     start: str
@@ -56,6 +63,29 @@ class Simulation:
     diverged: Diverged | None = None
 
     @property
+    def voltages(self) -> dict[str, Phasors]:
+        """Of each node, V_d + j V_q in volt over time, by its name. Shapes (t,)."""
+        return self._phasors("voltage")
+
+    @property
+    def inverter_currents(self) -> dict[str, Phasors]:
+        """Of each inverter the current of its filter, I_d + j I_q in ampere, by its node. Shapes (t,)."""
+        return self._phasors("current")
+
+    @property
+    def line_currents(self) -> dict[str, Phasors]:
+        """Of each line, from its start to its end, I_d + j I_q in ampere, by its name. Shapes (t,)."""
+        return self._phasors("line")
+
+    def _phasors(self, kind: str) -> dict[str, Phasors]:
+        return {part[1]: self.phasor(*part) for part in self.parts if part[0] == kind}
+
+    def __repr__(self) -> str:
+        end = f"{self.times[-1]:g} s" if len(self.times) else "nothing"
+        lost = f"; diverged at {self.diverged.at_second:g} s" if self.diverged else ""
+        return f"<Simulation in floats: {len(self.times):,} samples of {len(self.columns):,} states up to {end}{lost}>"
+
+    @property
     def columns(self) -> tuple[str, ...]:
         """The name of each column of `states`."""
         return column_names(self.parts)
@@ -64,7 +94,7 @@ class Simulation:
         """The states of one part, such as ("line", "12"). Shape (t, 2), of a linear loop (t, n)."""
         return self.states[:, self.parts[part]]
 
-    def phasor(self, *part: str) -> Any:
+    def phasor(self, *part: str) -> Phasors:
         """A part as complex numbers x_d + j x_q. Shape (t,)."""
         pairs = self.part(*part)
         return pairs[:, 0] + 1j * pairs[:, 1]
@@ -176,12 +206,36 @@ def sample_times(course: Course, count: int) -> Array:
     return numpy.unique(numpy.concatenate([numpy.linspace(0.0, course.end, count + 1), starts]))
 
 
-def simulate(spec: bytes, scenario: str | None = None, *, end: Fraction | None = None, **options: Any) -> Simulation:
-    """Simulate a scenario of a spec, or without one the spec as it is for `end` seconds (default 1).
+def simulate(spec: SpecSource, scenario: str | None = None, *, end: Second | None = None, **options: Any) -> Simulation:
+    """Simulate a scenario of a spec, or without one the spec as it is, from 0 s to `end`.
 
-    `options` are those of `simulate_course`. Raises: SpecError for bad input.
+    `spec`: see `certify.inputs.to_bytes`. `end`: seconds as a number, or text such as "20 ms"; by default the end of
+    the scenario, or 1 s. `options` are those of `simulate_course`: start, samples, tolerance, method, progress.
+    The simulator has equations of its own and works in floats: what it shows is evidence, and no proof.
+    Raises: SpecError for bad input. A motion that leaves all bounds is no error: see `Simulation.diverged`.
+
+    >>> motion = simulate("specs/single-inverter.toml", end=0.1, samples=100)
+    >>> motion
+    <Simulation in floats: 101 samples of 8 states up to 0.1 s>
+    >>> bool(470 < abs(motion.voltages["bus"][-1]) < 490)
+    True
     """
-    return simulate_course(Course(spec, scenario, end), **options)
+    return simulate_course(Course(to_bytes(spec), scenario, to_seconds(end)), **options)
+
+
+def to_seconds(time: Second | None) -> Fraction | None:
+    """A time as given, exactly. Raises: SpecError U005 if it is none.
+
+    >>> to_seconds("20 ms"), to_seconds(0.1)
+    (Fraction(1, 50), Fraction(1, 10))
+    """
+    if time is None or isinstance(time, Fraction):
+        return time
+    try:
+        return parse_quantity(to_plain(time), "s", {})
+    except (QuantityError, SpecError) as error:
+        reason = error.message if isinstance(error, QuantityError) else error.faults[0].message
+        raise SpecError((Fault("U005", "--end", reason),)) from None
 
 
 def simulate_course(
@@ -223,7 +277,8 @@ def simulate_course(
         if not numpy.isfinite(x).all():
             raise SpecError((Fault("U006", "--start", "not all of what is on is given by a finite number"),))
     states = numpy.full((len(times), course.size), numpy.nan)
-    result = Simulation(course.start if x is None else "given", times, states, course.parts)
+    phases: list[dict[str, Any]] = []
+    diverged: Diverged | None = None
     done = 0
     last: tuple[Stage, Piece] | None = None
     try:
@@ -233,21 +288,21 @@ def simulate_course(
                 states[done:until] = course.spread(stage.plant, piece.states(times[done:until]))
                 done = until
             if last is None or last[0] is not stage:
-                result.phases.append({})
+                phases.append({})
             last = stage, piece
-            result.phases[-1] = summary(stage)
+            phases[-1] = summary(stage)
             if observe:
                 observe(stage, piece)
             if progress:
                 progress(piece.end, course.end)
     except Diverged as error:
-        result.diverged = error
+        diverged = error
         done = min(done, int(numpy.searchsorted(times, error.at_second, "right")))
-    if last and result.diverged is None and done < len(times):
+    if last and diverged is None and done < len(times):
         states[done:] = course.spread(last[0].plant, last[1].states(times[done:]))
         done = len(times)
-    result.times, result.states = times[:done], states[:done]
-    return result
+    begun = course.start if x is None else "given"
+    return Simulation(begun, times[:done], states[:done], course.parts, phases, diverged)
 
 
 def summary(stage: Stage) -> dict[str, Any]:

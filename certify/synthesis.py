@@ -9,13 +9,13 @@ from __future__ import annotations
 import copy
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
 from certify.certificate import Certificate, prove
 from certify.editing import edit_spec, insert, parse_toml, toml_key, toml_value
-from certify.inputs import decode_all
+from certify.inputs import SpecSource, decode_all, to_bytes
 from certify.kernel.claims import Context
 from certify.kernel.errors import Fault, RuleFailure, SpecError
 from certify.kernel.model import node_capacitances, to_state_feedback
@@ -35,6 +35,7 @@ from certify.search.synthesis import (
     to_decimal,
     to_percent,
 )
+from certify.values import to_plain
 
 SETTLED = 4  # time constants until a mode has decayed to 2 %: exp(-4) = 1.8 %
 RAISES = (4, 16, 64, 256)  # by how much gains may grow, in steps, for a tolerance, if no bound is given
@@ -82,7 +83,7 @@ class Synthesis:
     gain_before: Fraction | None = None
     gain: Fraction | None = None
     gain_plain: Fraction | None = None
-    spec: bytes | None = None
+    spec: bytes | None = field(default=None, repr=False)
     certificate: Certificate | None = None
 
 
@@ -103,9 +104,12 @@ def read_wish(
         if raw is None:
             return None
         try:
-            value = raw if isinstance(raw, Fraction) else parse_quantity(raw, unit, {})
+            value = raw if isinstance(raw, Fraction) else parse_quantity(to_plain(raw, option), unit, {})
         except QuantityError as error:
             faults.append(Fault(error.code, option, error.message))
+            return None
+        except SpecError as error:
+            faults.extend(error.faults)
             return None
         if value <= 0:
             faults.append(Fault("S208", option, f"must be positive, got {shorten(str(raw))}"))
@@ -240,7 +244,7 @@ def _free_name(wanted: str, taken: Any) -> str:
 
 
 def synthesize(
-    spec: bytes,
+    spec: SpecSource,
     node: str,
     *,
     settle: object = None,
@@ -259,13 +263,15 @@ def synthesize(
     Without `settle` and `decay` the result is the fastest design within `max_gain`; otherwise the one with the
     smallest largest entry - and where all gains can be below one, the fastest of those.
 
+    For `spec` see `certify.inputs.to_bytes`.
     Raises: SpecError for a bad spec, node or wish; Rejected if the kernel turns a proof down (a defect).
 
     >>> import certify
-    >>> certify.synthesize(certify.read("specs/single-inverter.toml"), "bus", settle="20 ms", kind="ida-pbc").met
+    >>> certify.synthesize("specs/single-inverter.toml", "bus", settle=0.02, kind="ida-pbc").met
     True
     """
-    grid = decode_all(spec)
+    given = to_bytes(spec)
+    grid = decode_all(given)
     wish = read_wish(settle, decay, max_gain, tolerance, kind)
     context = Context(grid)
     plant = _plant(context, node)
@@ -274,10 +280,10 @@ def synthesize(
     result = Synthesis(node, wish, False, (), rate_before=before[0], gain_before=before[1])
     if found.design is None:
         return replace(result, limits=_limits(found, plant, wish))
-    document = read_document(spec)
+    document = read_document(given)
     for design, plain in _candidates(found, plant, wish):
         edit = _edit(document, grid, node, design, wish)
-        text = edited(spec, edit)
+        text = edited(given, edit)
         certificate = prove(text, progress)
         result = replace(
             result,
@@ -295,7 +301,7 @@ def synthesize(
         )
         if result.met:
             return result
-    return replace(result, limits=tuple(_why_not_certified(spec, edit, wish, certificate, progress)))
+    return replace(result, limits=tuple(_why_not_certified(given, edit, wish, certificate, progress)))
 
 
 def _plant(context: Context, node: str) -> Plant:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
 from certify.certificate import Certificate, prove
 from certify.editing import edit_spec, to_json, toml_value
-from certify.inputs import decode_all
+from certify.inputs import SpecSource, decode_all, to_bytes
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.reader import read_document
 from certify.search.synthesis import to_percent
@@ -33,29 +33,30 @@ class LargestTolerance:
     replaced: str | None
     low: Fraction | None
     high: Fraction
-    spec: bytes
+    spec: bytes = field(repr=False)
     certificate: Certificate
     failing: Certificate | None
 
 
 def largest_tolerance(
-    spec: bytes, of: tuple[str, ...] = PARTS, progress: Callable[[int, int], None] | None = None
+    spec: SpecSource, of: tuple[str, ...] = PARTS, progress: Callable[[int, int], None] | None = None
 ) -> LargestTolerance:
     """Bisect the share by which all R, L, C of filters and lines and all coefficients of loads may be off at once.
 
     What is proved of the spec without a tolerance has to be proved with it: where that rests on an assumption of the
     ledger, such as that an equilibrium exists, it still may.
-    `of` names the kinds of parts that it is asked of; parts with a tolerance of their own keep that. Bisection needs
-    about ten proofs.
+    For `spec` see `certify.inputs.to_bytes`. `of` names the kinds of parts that it is asked of; parts with a tolerance
+    of their own keep that. Bisection needs about ten proofs.
     Raises: SpecError if the spec is not well formed, or no part takes a tolerance from it.
 
     >>> import certify
-    >>> found = certify.largest_tolerance(certify.read("specs/single-inverter.toml"), ("load",))
+    >>> found = certify.largest_tolerance("specs/single-inverter.toml", ("load",))
     >>> found.low is not None and found.low > 0
     True
     """
-    decode_all(spec)
-    document = read_document(spec)
+    given = to_bytes(spec)
+    decode_all(given)
+    document = read_document(given)
     kept = _require_parts(document, of)
     before = document.get("tolerance")
     replaced = None if before is None else toml_value(before)
@@ -76,12 +77,12 @@ def largest_tolerance(
     found = trial(Fraction(0), refute=True)
     enough = {"certified", found.verdict.outcome}  # as good as without a tolerance
     if found.verdict.outcome not in ("certified", "conditional"):
-        return LargestTolerance(of, kept, replaced, None, STEP, spec, found, found)
+        return LargestTolerance(of, kept, replaced, None, STEP, given, found, found)
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (middle, high) if trial(middle * STEP).verdict.outcome in enough else (low, middle)
     failing = trial(high * STEP, refute=True) if high < steps else None
-    text = edit_spec(spec, lambda document: with_tolerance(document, of, low * STEP))
+    text = edit_spec(given, lambda document: with_tolerance(document, of, low * STEP))
     return LargestTolerance(of, kept, replaced, low * STEP, high * STEP, text, prove(text), failing)
 
 

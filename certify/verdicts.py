@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import difflib
+import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from certify.diagnostics import IN_FLOATS
+from certify.diagnostics import DIAGNOSTICS, IN_FLOATS
 from certify.kernel.claims import Claim, Fact, Verdict
 from certify.kernel.errors import CertifyError
 
@@ -102,3 +103,15 @@ def verdict_to_dict(verdict: Verdict, notes: Mapping[str, str]) -> dict[str, Any
         claims.append(entry)
     ledger = [{"name": name, "statement": text} for name, text in verdict.assumptions]
     return {"outcome": verdict.outcome, "claims": claims, "assumptions": ledger}
+
+
+def read_notes(certificate: bytes) -> dict[str, str]:
+    """Why open claims are open, as the search noted it: not trusted, and kept only if it is a known code.
+
+    `certificate` is one that the kernel has accepted.
+    """
+    provenance = json.loads(certificate)["provenance"]
+    notes = provenance.get("notes") if isinstance(provenance, dict) else None
+    if not isinstance(notes, dict):
+        return {}
+    return {key: note for key, note in notes.items() if isinstance(note, str) and note in DIAGNOSTICS}

@@ -97,6 +97,8 @@ def checked(
         from certify.accepted import remember
 
         remember(spec, data)
+    from certify.verdicts import read_notes
+
     return then(verdict, read_notes(data))
 
 
@@ -138,17 +140,6 @@ def progress_bar(title: str, unit: str = "") -> Any:
     finally:
         if bar is not None:
             bar.stop()
-
-
-def read_notes(certificate: bytes) -> dict[str, str]:
-    """Why open claims are open, as the search noted it: not trusted, and shown only if it is a known code."""
-    from certify.diagnostics import DIAGNOSTICS
-
-    provenance = json.loads(certificate)["provenance"]
-    notes = provenance.get("notes") if isinstance(provenance, dict) else None
-    return (
-        {k: v for k, v in notes.items() if isinstance(v, str) and v in DIAGNOSTICS} if isinstance(notes, dict) else {}
-    )
 
 
 def report_verdict(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from certify.inputs import load
+from certify.inputs import SpecSource, load
 from certify.kernel.claims import Context, Verdict
 from certify.kernel.model import node_capacitances
 from certify.search.nearest import NAMES, Suggestion, nearest_gains
@@ -12,7 +12,7 @@ from certify.search.nearest import NAMES, Suggestion, nearest_gains
 MOST = 8  # different DGUs for which gains are sought: a second each
 
 
-def suggestions(spec: str, verdict: Verdict) -> dict[str, Suggestion]:
+def suggestions(spec: SpecSource, verdict: Verdict) -> dict[str, Suggestion]:
     """Claim ids of DGUs that are refuted, or proved with a shortage, with the nearest gains that are passive.
 
     Equal DGUs share the search. Raises: SpecError.
@@ -38,7 +38,7 @@ def suggestions(spec: str, verdict: Verdict) -> dict[str, Suggestion]:
     return found
 
 
-def advise(spec: str, verdict: Verdict) -> tuple[dict[str, list[str]], dict[str, Any]]:
+def advise(spec: SpecSource, verdict: Verdict) -> tuple[dict[str, list[str]], dict[str, Any]]:
     """What to say under each such claim, and the same for machines. Raises: SpecError."""
     lines: dict[str, list[str]] = {}
     entries: dict[str, Any] = {}

@@ -137,7 +137,7 @@ def run(options: argparse.Namespace, bar: Bar) -> int:
             observe=observe,
         )
     if options.start is not None and start is not options.start:
-        simulation.start = options.start
+        simulation = replace(simulation, start=options.start)
     outcome = Outcome(course, wish, simulation, watch.result(simulation))
     if check:
         with bar("trying to break the certificate") as progress:
