@@ -328,6 +328,19 @@ _ALL = (
         "certify.explain('S203'); certify.explain(certify.prove(spec))",
     ),
     Diagnostic(
+        "U035",
+        "nothing at this place of the spec",
+        "Places are named as messages name them: filter.lc.L, node.a.load[0].P, and lines by their names, line.a-b.R.",
+        "take a key that is there, or a new key of a table that is there",
+        "spec.replace({'filter.lc.L': '2 mH', 'line.a-b.R': 0.1})",
+    ),
+    Diagnostic(
+        "U036",
+        "a name that is taken",
+        "Each filter, controller, type of line, node, line and scenario is defined once.",
+        "another name; or `spec.replace({..})` to change values, `spec.without(path)` to take the part out first",
+    ),
+    Diagnostic(
         "K101",
         "not a certificate",
         "The file is not JSON of the certificate's shape.",

@@ -41,7 +41,7 @@ def edit_spec(spec: bytes, change: Callable[[Any], Any]) -> bytes:
             result = ""
     data = result.encode()
     try:
-        done = bool(data) and _plain(read_document(data)) == _plain(expected)
+        done = bool(data) and same(read_document(data), expected)
     except SpecError:
         done = False
     if not done:
@@ -67,13 +67,16 @@ def insert(parts: Any, name: str, part: Any) -> None:
     parts[name] = part
 
 
-def _plain(document: Any) -> Any:
-    """A parsed document with whole numbers as text, as JSON has them."""
-    if isinstance(document, dict):
-        return {key: _plain(value) for key, value in document.items()}
-    if isinstance(document, list):
-        return [_plain(value) for value in document]
-    return str(document) if isinstance(document, int) and not isinstance(document, bool) else document
+def same(a: Any, b: Any) -> bool:
+    """Whether two parsed documents say the same: numbers are numbers, text is text, 5 is 5 however it is kept."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
+    if isinstance(a, bool) or isinstance(b, bool) or a is None or b is None:
+        return a is b
+    numbers = isinstance(a, NumberText | int), isinstance(b, NumberText | int)
+    return numbers[0] == numbers[1] and (str(a) == str(b) or {str(a), str(b)} <= {"0", "-0"})
 
 
 def to_json(document: Any, like: str) -> str:
@@ -93,8 +96,11 @@ def to_json(document: Any, like: str) -> str:
     return re.sub('"\ue000([^"]*)\ue001"', r"\1", text) + "\n"
 
 
-def toml_key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
+def toml_key(name: str, always: bool = False) -> str:
+    """A key, in quotes if it needs them, or `always`: then it is any text."""
+    if not always and re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        return name
+    return json.dumps(name, ensure_ascii=False).replace("\x7f", "\\u007F")  # which TOML has no other way to write
 
 
 def toml_value(value: Any) -> str:

@@ -43,6 +43,10 @@ def _plain(value: Any, path: str, faults: list[Fault], depth: int) -> Any:
     if value is None or isinstance(value, bool | NumberText):
         return value
     if isinstance(value, str):
+        if any("\ud800" <= letter <= "\udfff" for letter in value):
+            faults.append(
+                Fault("U030", path, "text with half a letter in it (a lone surrogate), which no file can hold")
+            )
         return str(value)
     if isinstance(value, Mapping):
         return _table(value, path, faults, depth)

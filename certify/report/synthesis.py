@@ -96,7 +96,7 @@ def synthesis_to_dict(result: Synthesis, files: dict[str, str | None], code: int
         "without_rotation": {"rate": _pair(result.rate_plain), "largest_gain": _exact(result.gain_plain)}
         if result.plain
         else None,
-        "verdict": result.certificate.verdict.outcome if result.certificate else None,
+        "verdict": result.certificate.verdict.outcome if result.certificate is not None else None,
         "files": {kind: path if result.met else None for kind, path in files.items()},
         "exit_code": code,
     }

@@ -61,7 +61,7 @@ def render_tolerance(result: LargestTolerance, options: argparse.Namespace, colo
 
 def tolerance_to_dict(result: LargestTolerance, options: argparse.Namespace, code: int) -> dict[str, Any]:
     """Shares as exact text; the claims that are open at the upper end."""
-    open_ = result.failing.verdict.claims if result.failing else ()
+    open_ = result.failing.verdict.claims if result.failing is not None else ()
     return {
         "spec": options.spec,
         "of": list(result.of),

@@ -1,0 +1,78 @@
+"""Parts of a spec checked as soon as they are given, by the kernel's own readers: faults appear where they are made."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from certify.kernel.errors import Fault, SpecError
+from certify.kernel.quantity import shorten
+from certify.kernel.reader import REQUIRED
+from certify.kernel.spec import Decoder
+from certify.values import to_plain
+
+TOP = ("frequency", "base_voltage", "base_power", "voltage_band", "tolerance", "line_legs", "name")
+
+
+class Parts(Decoder):
+    """The readers of the kernel for one part at a time, in the units of a document."""
+
+    def __init__(self, document: dict[str, Any]) -> None:
+        super().__init__(document)
+        self.w0 = self.frequency(document.get("frequency"), "frequency")
+        volt, power = (
+            self.unit(unit, "> 0")(document[key], key) if key in document else None
+            for key, unit in (("base_voltage", "V"), ("base_power", "VA"))
+        )
+        self.w0 = self.w0 or 1
+        self.bases(volt, power)
+        self.base_voltage = volt
+        self.common_tolerance = self.common(document["tolerance"], "tolerance") if "tolerance" in document else {}
+        band = document.get("voltage_band")
+        self.common_band = REQUIRED if band is None else self.band(band, "voltage_band")
+        if "name" in document:
+            self.text(document["name"], "name")
+        if "line_legs" in document:
+            self.one_of(["included", "neglected at DGUs"])(document["line_legs"], "line_legs")
+
+
+def check_top(document: dict[str, Any]) -> None:
+    """What stands before all tables. Raises: SpecError."""
+    _raise(Parts(document).faults)
+
+
+def check_part(document: dict[str, Any], kind: str, part: Any, path: str) -> None:
+    """A "filter", "controller", "line_type" or "load", in the units of a document. Raises: SpecError."""
+    reader = Parts(document)
+    reader.faults.clear()  # of what stands at the top another check tells
+    getattr(reader, kind)(part, path)
+    _raise(reader.faults)
+
+
+def check_name(name: str, path: str, taken: Any) -> None:
+    """A name that is usable, and not taken yet. Raises: SpecError S105, U036."""
+    reader = Decoder({})
+    reader.path_of(path, name)
+    if name in taken:
+        message = f"{shorten(name)} is defined already; `replace` changes values, `without` takes a part out"
+        reader.fault("U036", f"{path}.{name}", message)
+    _raise(reader.faults)
+
+
+def given(path: str, **values: Any) -> dict[str, Any]:
+    """The values that are not None, as a spec holds them. Raises: SpecError U030, S201."""
+    table: dict[str, Any] = to_plain({key: value for key, value in values.items() if value is not None}, path)
+    return table
+
+
+def refuse_complex(values: dict[str, Any], path: str) -> None:
+    """Y and I of a ZIP load are [active, reactive] parts: of a complex admittance the second has the other sign.
+
+    Raises: SpecError U030.
+    """
+    what = "give a pair [active, reactive]: Q = Y[1] v^2 + I[1] v, so that a complex admittance G + jB is [G, -B]"
+    _raise([Fault("U030", f"{path}.{key}", what) for key in ("Y", "I") if isinstance(values.get(key), complex)])
+
+
+def _raise(faults: list[Fault]) -> None:
+    if faults:
+        raise SpecError(tuple(faults))
