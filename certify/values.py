@@ -16,6 +16,7 @@ from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import MAX_DIGITS, NumberText, shorten
 from certify.kernel.reader import shown
 
+_CURRENTS = (".I[0]", ".I[1]")  # formulas too, in a load given by its current
 MAX_DEPTH = 20  # of lists and tables in each other; a spec needs six
 
 
@@ -26,7 +27,7 @@ def to_plain(value: Any, path: str = "") -> Any:
     mappings of these. `path` is where it stands in the spec.
     Raises: SpecError with every value that no spec can hold, U030, or that is not finite, S201.
 
-    >>> to_plain({"R": 0.1, "reference": 300 + 5j, "K13": Fraction(1, 3)})
+    >>> to_plain({"R": 0.1, "reference": 300 + 5j, "K13": Fraction(1, 3)}, "controller.x")
     {'R': '0.1', 'reference': ['300', '5'], 'K13': '1/3'}
     """
     faults: list[Fault] = []
@@ -91,12 +92,17 @@ def _number(value: Any, path: str, faults: list[Fault]) -> Any:
         return int(value)
     if isinstance(value, numbers.Rational):
         exact = Fraction(int(value.numerator), int(value.denominator))
-        return to_decimal_text(exact) or f"{exact.numerator}/{exact.denominator}"
+        decimal = to_decimal_text(exact)
+        if decimal is None and not path.startswith("controller.") and not path.endswith(_CURRENTS) and path:
+            message = f"{shorten(f'{exact}')} is no finite decimal, and only gains may be fractions; round it, as float"
+            faults.append(Fault("U030", path, message))
+        return decimal or f"{exact.numerator}/{exact.denominator}"
     text = str(value)
     if not any(digit in text for digit in "0123456789"):  # nan, inf
         faults.append(Fault("S201", path, f"not a finite decimal number: {text}"))
         return None
-    return NumberText(text.removesuffix(".0"))
+    text = text.removesuffix(".0")
+    return NumberText("0" if text == "-0" else text)
 
 
 def to_decimal_text(x: Fraction) -> NumberText | None:

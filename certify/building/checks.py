@@ -73,6 +73,13 @@ def refuse_complex(values: dict[str, Any], path: str) -> None:
     _raise([Fault("U030", f"{path}.{key}", what) for key in ("Y", "I") if isinstance(values.get(key), complex)])
 
 
+def require_kind(found: str | None, values: dict[str, Any], path: str, keys: str) -> None:
+    """A kind that is given, or that follows from the values. Raises: SpecError S107."""
+    if found is None:
+        named = ", ".join(map(shorten, values)) or "nothing"
+        _raise([Fault("S107", f"{path}.kind", f"no kind follows from {named}; give {keys}, or kind=..")])
+
+
 def _raise(faults: list[Fault]) -> None:
     if faults:
         raise SpecError(tuple(faults))

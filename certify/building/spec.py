@@ -6,11 +6,13 @@ import copy
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
 from functools import cached_property
+from numbers import Real
 from typing import Any
 
 from certify.building.changes import Change, add_entry, add_part, remove, set_value
-from certify.building.checks import check_name, check_part, check_top, given, refuse_complex
+from certify.building.checks import check_name, check_part, check_top, given, refuse_complex, require_kind
 from certify.building.paths import find
 from certify.building.toml import to_toml
 from certify.certificate import save
@@ -29,7 +31,8 @@ class Spec:
 
     Numbers are int, float (the shortest decimal that names it: 0.1 is 1/10), Fraction, Decimal, or of numpy; without a
     unit they are SI. Text may have a unit ("1.8 mH") or, for gains, be a formula ("1 - kp*L"). Voltages d + jq may be
-    complex; matrices may be arrays. What can be checked of a part alone is checked at once, and the whole by whatever
+    complex; matrices may be arrays. Proofs are about exactly these numbers: gains that have to cancel something of the
+    plant do so as formulas or Fractions, and as floats only to sixteen digits, which a proof tells from zero. What can be checked of a part alone is checked at once, and the whole by whatever
     takes it, such as `certify.prove`. Raises: SpecError with every fault, each with its place.
 
     >>> import certify
@@ -128,6 +131,7 @@ class Spec:
         """
         kinds = {"K11": "state-feedback", "K12": "state-feedback", "alpha": "ida-pbc", "F": "linear"}
         found = kind or next((own for key, own in kinds.items() if key in gains), "constant" if not gains else None)
+        require_kind(found, gains, f"controller.{name}", "K11 and K12, alpha, or F")
         return self._part("controller", name, {"kind": found, "let": let, "design": design, **gains}, check=True)
 
     def line_type(self, name: str | int, *, R: Value, L: Value, C: Value, tolerance: Value = None) -> Spec:
@@ -148,14 +152,14 @@ class Spec:
     ) -> Spec:
         """A bus, with a DGU if it is given a controller.
 
-        `reference`: V* = d + jq in volt, complex or a pair; `limits`: of |u_d| and |u_q| in volt; `anti_windup` in s;
+        `reference`: V* = d + jq in volt, a number or a pair; `limits`: of |u_d| and |u_q| in volt; `anti_windup` in s;
         `capacitance` at the node beside those of filter and lines, in farad; `load`: tables as a spec has them, or see
         `Spec.load`. Names of filter and controller are looked up when the whole is checked.
         """
         dgu = {
             "filter": None if filter is None else str(filter),
             "controller": None if controller is None else str(controller),
-            "reference": reference,
+            "reference": (reference, 0) if isinstance(reference, Real | Decimal) else reference,
             "limits": limits,
             "anti_windup": anti_windup,
         }
@@ -172,6 +176,7 @@ class Spec:
         kinds = {"P0": "exp", "centre": "current", "R": "rl", "Y": "zip", "P": "zip", "I": "zip"}
         found = kind or next((own for key, own in kinds.items() if key in fields), None)
         path = f"node.{node}.load[{self._count(str(node))}]"
+        require_kind(found, fields, path, "Y, I or P, P0, R and L, or centre")
         if found == "zip":
             refuse_complex(fields, path)
         entry = given(path, kind=found, **fields)
