@@ -77,11 +77,11 @@ class PortModel:
         return numpy.asarray(self.C @ numpy.linalg.solve(shifted, self.B.astype(complex)))
 
     def dissipation(self, P: Matrix) -> Matrix:
-        """-(F'P + PF)/2 in Fractions: what the storage function x'Px/2 loses along the motion is x' times this x.
+        """M = -(F'P + PF)/2 in Fractions: without input the storage function x'Px/2 loses x'Mx watt along the motion.
 
         `P`: that of `Certificate.storage(node, exact=True)`.
         """
-        return dissipation(self.exact.F, P)
+        return scale(Fraction(1, 2), dissipation(self.exact.F, P))
 
     def to_state_space(self) -> Any:
         """A `control.StateSpace` of python-control with these names, in floats.
@@ -104,6 +104,8 @@ class PortModel:
 @dataclass(frozen=True, eq=False)
 class NetworkModel:
     """x' = A x of the whole network around its proved equilibrium `x0`, in floats: evidence, and no proof.
+
+    What `network_model` returns.
 
     By the simulator's equations, which share no model with the kernel. Shapes: A (n, n), x0 (n,). `states` names them
     and their unit is SI: volt, ampere; of integrators volt second.

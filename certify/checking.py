@@ -16,7 +16,8 @@ from certify.verdicts import read_notes
 if TYPE_CHECKING:
     from certify.crosscheck.findings import Finding
     from certify.crosscheck.run import Checked
-    from certify.simulation import Second, Simulation
+    from certify.simulation import Progress, Second, Simulation
+    from certify.simulator.plant import Array
 
 CertificateSource = bytes | str | os.PathLike[str] | Certificate
 
@@ -63,7 +64,8 @@ def check(spec: SpecSource, certificate: CertificateSource) -> Certificate:
 class CrossCheck:
     """A certificate beside a simulation that shares no model with it. Agreement is evidence, and no proof.
 
-    `phases` has an entry for each phase of the scenario: all that was compared, and H over time.
+    What `cross_check` returns. `phases` has an entry for each phase of the scenario: all that was compared, and H over
+    time.
     """
 
     simulation: Simulation
@@ -94,15 +96,18 @@ def cross_check(
     scenario: str | None = None,
     *,
     end: Second | None = None,
+    start: str | Array | None = None,
+    samples: int | Array | None = None,
     tolerance: float | None = None,
+    method: str | None = None,
     attempts: int | None = None,
     seed: int = 1,
-    **options: Any,
+    progress: Progress | None = None,
 ) -> CrossCheck:
     """Simulate, hold the certificate against the motion, and try to break the region that it claims.
 
     `certificate`: that of the spec, or with a `scenario` one for each of its phases; without it they are proved first.
-    `attempts` to break the region of each island. `end`, `tolerance` and other `options` are those of `simulate`.
+    `attempts` to break the region of each island, made from `seed`. The others are those of `simulate`.
     Raises: SpecError for bad input, U008 if there are not as many certificates as phases; Rejected if the kernel does
     not accept one of them.
 
@@ -116,7 +121,7 @@ def cross_check(
     from certify.certificate import prove
     from certify.crosscheck.run import ATTEMPTS
     from certify.crosscheck.run import CrossCheck as Run
-    from certify.simulation import TOLERANCE, Course, simulate_course, to_seconds
+    from certify.simulation import DEFAULT_SAMPLES, TOLERANCE, Course, simulate_course, to_seconds
 
     course = Course(to_bytes(spec), scenario, to_seconds(end))
     phases = course.phases
@@ -133,5 +138,13 @@ def cross_check(
     accuracy = TOLERANCE if tolerance is None else tolerance
     texts = {number: own.data for number, own in numbered.items()}
     run = Run(phases, texts, accuracy, ATTEMPTS if attempts is None else attempts, seed)
-    motion = simulate_course(course, tolerance=accuracy, observe=run.see, **options)
+    motion = simulate_course(
+        course,
+        start=start,
+        samples=DEFAULT_SAMPLES if samples is None else samples,
+        tolerance=accuracy,
+        method=method,
+        progress=progress,
+        observe=run.see,
+    )
     return CrossCheck(motion, numbered, tuple(run.finish()))

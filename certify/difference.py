@@ -14,7 +14,7 @@ from certify.search.earlier import Earlier
 
 @dataclass(frozen=True, repr=False)
 class Difference:
-    """What a change of a spec does: the certificates before and after, and what became of each claim."""
+    """What a change of a spec does, as `diff` returns it: certificates before and after, what became of each claim."""
 
     before: Certificate
     after: Certificate

@@ -76,6 +76,9 @@ def read(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
     """The bytes of a file, not more than `limit` + 1 of them, so that an endless one is refused quickly.
 
     Raises: SpecError S000 if it cannot be read.
+
+    >>> read("specs/two-inverters.toml")[:15]
+    b'# Two inverters'
     """
     try:
         with Path(path).open("rb") as file:

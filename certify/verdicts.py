@@ -19,12 +19,28 @@ _MARGINS = ("dissipation", "smallest pivot", "level c of the storage", "limited 
 
 
 class NotProved(CertifyError):
-    """What was asked for is part of a proof, and there is none: nothing takes its place."""
+    """What was asked for is part of a proof, and there is none: nothing takes its place.
+
+    >>> import certify
+    >>> try:
+    ...     certify.prove("specs/cigre-mv-as-printed.toml").storage("1")
+    ... except certify.NotProved as error:
+    ...     print(str(error)[:46])
+    no storage function is proved at node '1': the
+    """
 
 
 @dataclass(frozen=True, repr=False)
 class CertifiedClaim(Claim):
-    """A claim of an accepted certificate, its facts at hand by name. `note`: why it is open, as the search said."""
+    """A claim of an accepted certificate, its facts at hand by name. `note`: why it is open, as the search said.
+
+    >>> import certify
+    >>> claim = certify.prove("specs/two-inverters.toml")["line/a-b"]
+    >>> claim
+    <Claim line/a-b: proved by series-branch; 1 fact>
+    >>> claim.values["dissipation per squared current"]
+    Fraction(1, 5)
+    """
 
     note: str = ""
 
@@ -35,7 +51,7 @@ class CertifiedClaim(Claim):
 
     def __repr__(self) -> str:
         why = f" by {self.rule}" if self.rule else f" ({self.note})" if self.note else ""
-        numbers = f"; {len(self.facts)} facts" if self.facts else ""
+        numbers = f"; {len(self.facts)} fact{'s' if len(self.facts) > 1 else ''}" if self.facts else ""
         return f"<Claim {self.id}: {self.status}{why}{numbers}>"
 
 

@@ -32,8 +32,10 @@ class Spec:
     Numbers are int, float (the shortest decimal that names it: 0.1 is 1/10), Fraction, Decimal, or of numpy; without a
     unit they are SI. Text may have a unit ("1.8 mH") or, for gains, be a formula ("1 - kp*L"). Voltages d + jq may be
     complex; matrices may be arrays. Proofs are about exactly these numbers: gains that have to cancel something of the
-    plant do so as formulas or Fractions, and as floats only to sixteen digits, which a proof tells from zero. What can be checked of a part alone is checked at once, and the whole by whatever
-    takes it, such as `certify.prove`. Raises: SpecError with every fault, each with its place.
+    plant do so as formulas or Fractions, and as floats only to sixteen digits, which a proof tells from zero.
+
+    What can be checked of a part alone is checked at once, and the whole by whatever takes it, such as `certify.prove`.
+    Raises: SpecError with every fault, each with its place.
 
     >>> import certify
     >>> grid = (
