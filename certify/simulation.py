@@ -206,11 +206,23 @@ def sample_times(course: Course, count: int) -> Array:
     return numpy.unique(numpy.concatenate([numpy.linspace(0.0, course.end, count + 1), starts]))
 
 
-def simulate(spec: SpecSource, scenario: str | None = None, *, end: Second | None = None, **options: Any) -> Simulation:
+def simulate(
+    spec: SpecSource,
+    scenario: str | None = None,
+    *,
+    end: Second | None = None,
+    start: str | Array | None = None,
+    samples: int | Array = DEFAULT_SAMPLES,
+    tolerance: float = TOLERANCE,
+    method: str | None = None,
+    progress: Progress | None = None,
+    observe: Callable[[Stage, Piece], None] | None = None,
+) -> Simulation:
     """Simulate a scenario of a spec, or without one the spec as it is, from 0 s to `end`.
 
     `spec`: see `certify.inputs.to_bytes`. `end`: seconds as a number, or text such as "20 ms"; by default the end of
-    the scenario, or 1 s. `options` are those of `simulate_course`: start, samples, tolerance, method, progress.
+    the scenario, or 1 s. All others are those of `simulate_course`: `start` is "flat", "zero", "equilibrium" or a state,
+    `samples` how many or the times in s, `tolerance` the share of its size that a step may add to the error of a state.
     The simulator has equations of its own and works in floats: what it shows is evidence, and no proof.
     Raises: SpecError for bad input. A motion that leaves all bounds is no error: see `Simulation.diverged`.
 
@@ -220,7 +232,15 @@ def simulate(spec: SpecSource, scenario: str | None = None, *, end: Second | Non
     >>> bool(470 < abs(motion.voltages["bus"][-1]) < 490)
     True
     """
-    return simulate_course(Course(to_bytes(spec), scenario, to_seconds(end)), **options)
+    return simulate_course(
+        Course(to_bytes(spec), scenario, to_seconds(end)),
+        start=start,
+        samples=samples,
+        tolerance=tolerance,
+        method=method,
+        progress=progress,
+        observe=observe,
+    )
 
 
 def to_seconds(time: Second | None) -> Fraction | None:

@@ -21,11 +21,11 @@ STEP = Fraction(1, 1000)  # the width of the bracket
 
 @dataclass(frozen=True)
 class LargestTolerance:
-    """What `largest_tolerance` returns. `low` is proved: `certificate` is that of `spec`, which has it. `high` is not: `failing` is its certificate.
+    """What `largest_tolerance` returns: a bracket, of shares of the values, 0 <= low < high <= 1.
 
-    Shares of the values, 0 <= low < high <= 1; at 1 a box would contain zero. `low` is None if the spec is not
-    certified with no such tolerance at all. `kept` names the parts with a tolerance of their own, which they keep, and
-    `replaced` is the common tolerance that the spec had.
+    `low` is proved: `certificate` is that of `spec`, which has it. `high` is not: `failing` is its certificate; at 1 a
+    box would contain zero. `low` is None if the spec is not certified with no such tolerance at all. `kept` names the
+    parts with a tolerance of their own, which they keep, and `replaced` is the common tolerance that the spec had.
     """
 
     of: tuple[str, ...]
