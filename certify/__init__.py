@@ -14,10 +14,10 @@ Functions keep no state between calls but caches, and may be called from several
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # type checkers know this name; `typing` itself takes longer to import than all of this
 if TYPE_CHECKING:
+    from typing import Any
+
     from certify.arrays import NetworkModel, PortModel, dgu_model, line_model, network_model
     from certify.building import Spec
     from certify.certificate import Certificate, prove
@@ -85,6 +85,8 @@ _HOMES = {
 
 def __getattr__(name: str) -> Any:
     """Public names are imported when they are first used, so that a start is quick."""
+    from importlib import import_module
+
     for home, names in _HOMES.items():
         if name in names:
             return getattr(import_module(f"certify.{home}"), name)

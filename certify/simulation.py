@@ -221,8 +221,9 @@ def simulate(
     """Simulate a scenario of a spec, or without one the spec as it is, from 0 s to `end`.
 
     `spec`: see `certify.inputs.to_bytes`. `end`: seconds as a number, or text such as "20 ms"; by default the end of
-    the scenario, or 1 s. All others are those of `simulate_course`: `start` is "flat", "zero", "equilibrium" or a state,
-    `samples` how many or the times in s, `tolerance` the share of its size that a step may add to the error of a state.
+    the scenario, or 1 s. All others are those of `simulate_course`: `start` is "flat", "zero", "equilibrium" or a
+    state, `samples` how many or the times in s, `tolerance` the share of its size that a step may add to the error of a
+    state.
     The simulator has equations of its own and works in floats: what it shows is evidence, and no proof.
     Raises: SpecError for bad input. A motion that leaves all bounds is no error: see `Simulation.diverged`.
 

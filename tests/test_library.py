@@ -291,6 +291,7 @@ def test_the_lists_of_what_is_public_agree() -> None:
     tree = ast.parse((ROOT / "certify" / "__init__.py").read_text())
     block = next(x for x in tree.body if isinstance(x, ast.If))
     typed = {(x.module, a.name) for x in block.body if isinstance(x, ast.ImportFrom) for a in x.names}
+    typed.remove(("typing", "Any"))
     assert typed == {(f"certify.{home}", name) for home, names in certify._HOMES.items() for name in names}
     assert sorted(certify.__all__) == sorted(name for _, name in typed)
     assert certify.__all__ == sorted(certify.__all__, key=lambda name: (name[0].islower(), name))
