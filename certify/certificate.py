@@ -27,6 +27,7 @@ from certify.kernel.linalg import Matrix
 from certify.kernel.quantity import shorten
 from certify.kernel.spec import decode
 from certify.search.earlier import Earlier
+from certify.search.methods import METHODS
 from certify.search.prove import Progress, find_claims
 from certify.storages import proved_storages
 from certify.verdicts import CertifiedClaim, Claims, NotProved, count, margins, verdict_to_dict
@@ -164,6 +165,9 @@ def prove(
     'refuted'
     """
     text = to_bytes(spec)
+    if method is not None and method not in METHODS:
+        message = f"expected {', '.join(METHODS)}, got {shorten(method)}"
+        raise SpecError((Fault("U001", "--method", message),))
     found = find_claims(decode_all(text), progress, refute, method, earlier)
     notes = found.pop("notes")
     data = write_certificate(text, found, notes)

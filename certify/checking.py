@@ -121,9 +121,12 @@ def cross_check(
     from certify.certificate import prove
     from certify.crosscheck.run import ATTEMPTS
     from certify.crosscheck.run import CrossCheck as Run
-    from certify.simulation import DEFAULT_SAMPLES, TOLERANCE, Course, simulate_course, to_seconds
+    from certify.simulation import DEFAULT_SAMPLES, TOLERANCE, Course, require_options, simulate_course, to_seconds
 
-    course = Course(to_bytes(spec), scenario, to_seconds(end))
+    text = to_bytes(spec)
+    accuracy = TOLERANCE if tolerance is None else tolerance
+    require_options(start, samples, accuracy, method)
+    course = Course(text, scenario, to_seconds(end))
     phases = course.phases
     if certificate is None:
         proved = [prove(phase.spec) for phase in phases]
@@ -135,7 +138,6 @@ def cross_check(
             raise SpecError((Fault("U008", "certificate", message),))
         proved = [check(phase.spec, own) for phase, own in zip(phases, given, strict=True)]
     numbered = {phase.number: own for phase, own in zip(phases, proved, strict=True)}
-    accuracy = TOLERANCE if tolerance is None else tolerance
     texts = {number: own.data for number, own in numbered.items()}
     run = Run(phases, texts, accuracy, ATTEMPTS if attempts is None else attempts, seed)
     motion = simulate_course(

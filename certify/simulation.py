@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from numbers import Real
 from typing import Any
 
 import numpy
@@ -12,20 +13,23 @@ import numpy
 from certify.inputs import SpecSource, decode_all, to_bytes
 from certify.kernel.claims import to_text
 from certify.kernel.errors import Fault, SpecError
-from certify.kernel.quantity import QuantityError, parse_quantity
+from certify.kernel.quantity import QuantityError, parse_quantity, shorten
 from certify.kernel.reader import read_document
 from certify.kernel.spec import Microgrid
 from certify.phases import Phase, indices_of_loads, read_phases, series_loads
 from certify.simulator.motion import Diverged, Follower, Piece
 from certify.simulator.plant import TITLES, Array, Part, Phasors, Plant
 from certify.simulator.resets import Switchboard, after_events
-from certify.simulator.scenario import decode_scenarios, law_reader
+from certify.simulator.scenario import STARTS, decode_scenarios, law_reader
 from certify.simulator.starts import start_state
 from certify.values import to_plain
 
 DEFAULT_END = Fraction(1)
 DEFAULT_SAMPLES = 1000
 TOLERANCE = 1e-8
+TOLERANCES = (Fraction(1, 10**13), Fraction(1, 100))
+MAX_SECONDS = 10**9
+METHODS = ("exponential", "collocation")
 MAX_NUMBERS = 1 << 27  # of all samples together: 1 GiB
 AXES = ("d", "q")
 Second = Fraction | float | str
@@ -233,8 +237,10 @@ def simulate(
     >>> bool(470 < abs(motion.voltages["bus"][-1]) < 490)
     True
     """
+    text = to_bytes(spec)
+    require_options(start, samples, tolerance, method)
     return simulate_course(
-        Course(to_bytes(spec), scenario, to_seconds(end)),
+        Course(text, scenario, to_seconds(end)),
         start=start,
         samples=samples,
         tolerance=tolerance,
@@ -250,13 +256,34 @@ def to_seconds(time: Second | None) -> Fraction | None:
     >>> to_seconds("20 ms"), to_seconds(0.1)
     (Fraction(1, 50), Fraction(1, 10))
     """
-    if time is None or isinstance(time, Fraction):
-        return time
+    if time is None:
+        return None
     try:
-        return parse_quantity(to_plain(time), "s", {})
+        seconds = time if isinstance(time, Fraction) else parse_quantity(to_plain(time), "s", {})
     except (QuantityError, SpecError) as error:
         reason = error.message if isinstance(error, QuantityError) else error.faults[0].message
         raise SpecError((Fault("U005", "--end", reason),)) from None
+    if not 0 < seconds <= MAX_SECONDS:
+        message = f"expected a time after 0 s, up to {MAX_SECONDS:.0e} s, got {shorten(str(time))}"
+        raise SpecError((Fault("U005", "--end", message),))
+    return seconds
+
+
+def require_options(start: object, samples: object, tolerance: object, method: object) -> None:
+    """What a simulation can be asked for. Raises: SpecError U005 and U006 with every fault."""
+    faults = []
+    if isinstance(start, str) and start not in STARTS:
+        faults.append(Fault("U006", "--start", f"expected {', '.join(STARTS)} or a state, got {shorten(start)}"))
+    if isinstance(samples, int) and (samples < 1 or isinstance(samples, bool)):
+        faults.append(Fault("U005", "--samples", f"expected a number from 1 up, got {shorten(samples)}"))
+    low, high = TOLERANCES
+    if isinstance(tolerance, bool) or not isinstance(tolerance, Real) or not low <= tolerance <= high:
+        expected = f"expected {float(low):.0e} to {float(high):.0e}"
+        faults.append(Fault("U005", "--tolerance", f"{expected}, got {shorten(str(tolerance))}"))
+    if method is not None and method not in METHODS:
+        faults.append(Fault("U005", "--method", f"expected {' or '.join(METHODS)}, got {shorten(str(method))}"))
+    if faults:
+        raise SpecError(tuple(faults))
 
 
 def simulate_course(

@@ -245,7 +245,7 @@ def _free_name(wanted: str, taken: Any) -> str:
 
 def synthesize(
     spec: SpecSource,
-    node: str,
+    node: str | int,
     *,
     settle: object = None,
     decay: object = None,
@@ -270,7 +270,7 @@ def synthesize(
     >>> certify.synthesize("specs/single-inverter.toml", "bus", settle=0.02, kind="ida-pbc").met
     True
     """
-    given = to_bytes(spec)
+    given, node = to_bytes(spec), str(node)
     grid = decode_all(given)
     wish = read_wish(settle, decay, max_gain, tolerance, kind)
     context = Context(grid)

@@ -351,3 +351,44 @@ def test_saved_files_are_what_is_proved(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="U032"):
         grid.save(tmp_path / "none" / "x.toml")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["x.cert", "x.json", "x.toml"]
+
+
+@pytest.mark.parametrize(
+    ("text", "step", "code"),
+    [
+        (b"node = 5\n", lambda g: g.node("a"), "S103"),
+        (b'{"node": [1]}', lambda g: g.node("a"), "S103"),
+        (b"node = 5\n", lambda g: g.load("a", R=1, L=1), "U035"),
+        (b"line = 5\n", lambda g: g.line("l", "a", "b", R=1, L=1, C=1), "S103"),
+        (b"[node.a]\nload = 5\n", lambda g: g.load("a", R=1, L=1), "S103"),
+        (b"[node.a]\n", lambda g: g.replace({"node.a.capacitance": None}), "U030"),
+        (b"[node.a]\n", lambda g: g.replace({"": 1}), "U035"),
+    ],
+)
+def test_files_that_are_no_specs_can_be_read_but_not_built_on(text: bytes, step: Any, code: str) -> None:
+    with pytest.raises(SpecError) as refused:
+        step(Spec.read(text))
+    assert refused.value.faults[0].code == code
+    assert repr(Spec.read(text)).startswith("<Spec")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b'node.a.dgu.filter = "x"\n',
+        b"[node]\na = { load = [] }\n",
+        b"node = { a = { capacitance = 1 } }\n",
+        b"[node.a]\n[[node.a.load]]\nkind = 'rl'\nR = 1\nL = 1\n",
+        b'{"node": {"a": {"load": []}}}',
+    ],
+)
+def test_every_layout_can_be_edited(text: bytes) -> None:
+    grown = Spec.read(text).load("a", R=Decimal("0.5"), L="1 mH").node("b", capacitance=1e-6)
+    found = read_document(grown.to_bytes())["node"]
+    assert same(found["a"]["load"][-1], to_plain({"kind": "rl", "R": 0.5, "L": "1 mH"}))
+    assert same(found["b"], to_plain({"capacitance": 1e-6}))
+
+
+def test_a_line_that_is_not_there_is_told_from_those_that_are() -> None:
+    with pytest.raises(SpecError, match=r"there are a-b"):
+        Spec.read(TWO).without("line.b-a")

@@ -356,3 +356,31 @@ def test_the_program_of_a_user_runs() -> None:
     assert found["lost"] == 0
     assert found["slowest"] < 0
     assert "tests/library_user.py" in tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mypy"]["files"]
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        ({"start": "here"}, "U006"),
+        ({"start": [1.0, 2.0]}, "U006"),
+        ({"samples": 0}, "U005"),
+        ({"samples": 10**12}, "U007"),
+        ({"tolerance": -1}, "U005"),
+        ({"tolerance": float("nan")}, "U005"),
+        ({"method": "euler"}, "U005"),
+        ({"end": 1e300}, "U005"),
+        ({"scenario": "none"}, "U002"),
+    ],
+    ids=repr,
+)
+def test_a_simulation_that_nobody_can_run(options: dict[str, Any], code: str) -> None:
+    """Each was taken for something else once: an unknown start for a flat one, an unknown method for collocation."""
+    for run_it in (certify.simulate, certify.cross_check):
+        with pytest.raises(certify.SpecError) as refused:
+            run_it(TWO, **options)
+        assert refused.value.faults[0].code == code
+
+
+def test_a_method_that_there_is_not() -> None:
+    with pytest.raises(certify.SpecError, match=r"U001.*ends, bernstein"):
+        certify.prove(TWO, method="magic")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 from certify.kernel.errors import Fault, SpecError
@@ -52,7 +53,9 @@ def check_name(name: str, path: str, taken: Any) -> None:
     """A name that is usable, and not taken yet. Raises: SpecError S105, U036."""
     reader = Decoder({})
     reader.path_of(path, name)
-    if name in taken:
+    if not isinstance(taken, Collection):
+        reader.fault("S103", path, f"expected a table of tables, got {shorten(taken)}")
+    elif name in taken:
         message = f"{shorten(name)} is defined already; `replace` changes values, `without` takes a part out"
         reader.fault("U036", f"{path}.{name}", message)
     _raise(reader.faults)

@@ -30,7 +30,11 @@ def find(document: Any, path: str, new: bool = False) -> tuple[Any, Any]:
         if not rest:
             return at, key
         at = at[key]
-    there = list(at)[:8] if isinstance(at, dict) else [f"[{k}]" for k in range(min(len(at), 8))] if _is_list(at) else []
+    there: list[str] = []
+    if isinstance(at, dict):
+        there = list(at)[:8]
+    elif _is_list(at):
+        there = [str(x["name"]) if isinstance(x, dict) and "name" in x else f"[{k}]" for k, x in enumerate(at[:8])]
     known = f"there are {', '.join(map(str, there))}" if there else "nothing is there"
     raise SpecError((Fault("U035", shorten(path, 100), f"nothing stands at {shorten(rest or path)}; {known}"),))
 

@@ -18,6 +18,7 @@ from certify.building.toml import to_toml
 from certify.certificate import save
 from certify.editing import edit_spec, to_json
 from certify.inputs import SpecSource, to_bytes
+from certify.kernel.errors import Fault, SpecError
 from certify.kernel.reader import MAX_TOML_BYTES, read_document
 from certify.kernel.spec import FORMAT
 from certify.values import to_plain
@@ -228,6 +229,8 @@ class Spec:
         """
         new = self
         for path, value in values.items():
+            if value is None:
+                raise SpecError((Fault("U030", path, "None is no value; `without` takes a key out"),))
             new = new._changed(set_value(path, to_plain(value, path)))
         return new
 
@@ -283,7 +286,8 @@ class Spec:
 
     def __repr__(self) -> str:
         def count(key: str, word: str) -> str:
-            number = len(self._document.get(key, ()))
+            parts = self._document.get(key, ())
+            number = len(parts) if isinstance(parts, dict | list | tuple) else 0
             return f"{number:,} {word}{'' if number == 1 else 's'}"
 
         nodes = self._document.get("node", {})

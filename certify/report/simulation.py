@@ -35,16 +35,14 @@ from certify.report.machine import finite
 from certify.report.text import paint
 from certify.samples import SUFFIXES, read_state, write_samples
 from certify.settling import DguCourse, PhaseCourse, Watch
-from certify.simulation import Course, Simulation, Stage, simulate_course
+from certify.simulation import MAX_SECONDS, TOLERANCES, Course, Simulation, Stage, simulate_course
 from certify.simulator.motion import Piece
 from certify.simulator.plant import Array
 from certify.simulator.scenario import STARTS
 
 SIMULATED, DIVERGED = 0, 3  # exit codes: no float refutes anything
 BAND = "0.01 %"
-TOLERANCES = (Fraction(1, 10**13), Fraction(1, 100))
 MAX_SAMPLES = 10**8
-MAX_SECONDS = 10**9
 MAX_ATTEMPTS = 10_000
 BLURRED = 100  # times what a step may add to the error: a narrower band says little
 SHOWN_DGUS = 12
