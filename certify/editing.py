@@ -37,7 +37,7 @@ def edit_spec(spec: bytes, change: Callable[[Any], Any]) -> bytes:
 
         try:
             result = tomlkit.dumps(change(tomlkit.parse(text)))
-        except (TOMLKitError, TypeError, KeyError, AttributeError):
+        except (TOMLKitError, TypeError, KeyError, IndexError, ValueError, AttributeError):
             result = ""
     data = result.encode()
     try:

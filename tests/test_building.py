@@ -375,7 +375,6 @@ def test_files_that_are_no_specs_can_be_read_but_not_built_on(text: bytes, step:
 @pytest.mark.parametrize(
     "text",
     [
-        b'node.a.dgu.filter = "x"\n',
         b"[node]\na = { load = [] }\n",
         b"node = { a = { capacitance = 1 } }\n",
         b"[node.a]\n[[node.a.load]]\nkind = 'rl'\nR = 1\nL = 1\n",
@@ -387,6 +386,12 @@ def test_every_layout_can_be_edited(text: bytes) -> None:
     found = read_document(grown.to_bytes())["node"]
     assert same(found["a"]["load"][-1], to_plain({"kind": "rl", "R": 0.5, "L": "1 mH"}))
     assert same(found["b"], to_plain({"capacitance": 1e-6}))
+
+
+def test_a_layout_that_the_editor_spoils_is_refused_and_not_spoilt() -> None:
+    grid = Spec.read(b'node.a.dgu.filter = "x"\n')  # tomlkit would put [node.b] where it is read as another thing
+    with pytest.raises(SpecError, match=r"U001.*give filters, controllers and nodes as tables"):
+        grid.load("a", R=1, L=1).node("b", capacitance=1e-6)
 
 
 def test_a_line_that_is_not_there_is_told_from_those_that_are() -> None:
