@@ -292,6 +292,13 @@ _ALL = (
         "FOLDER; or `certify prove SPEC [--scenario NAME] --simulate`, which does both",
     ),
     Diagnostic(
+        "U020",
+        "the report of a test session cannot be written",
+        "It is checked before the run, so that no proof is lost: a folder that is there or can be made, or a file .md "
+        "or .json in one.",
+        "--certify-report FOLDER, or --certify-report FILE.md",
+    ),
+    Diagnostic(
         "U030",
         "a value that no spec can hold",
         "A spec has text, numbers, lists and tables. From Python these are str, int, float, Fraction, Decimal, complex "

@@ -47,6 +47,7 @@ LAYERS = [
     "explaining",
     "commands",
     "cli",
+    "testing",
 ]  # an arrow points from left to right only
 LIMIT = 2_850  # lines of code that the stability of every equilibrium rests on; "small enough to read in one sitting"
 RESTS = {
