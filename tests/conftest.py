@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+# Where the package is not installed, pytest has not found its plugin.
+pytest_plugins = [] if "certify.testing.plugin" in sys.modules else ["certify.testing.plugin"]
 
 ROOT = Path(__file__).resolve().parent.parent
 
