@@ -50,7 +50,7 @@ from tests.designs import NOT_PASSIVE, PASSIVE, expected_two_axes
 from tests.designs import Filter as Plant
 
 TIMES = int(os.environ.get("CERTIFY_TEST_TIMES", "1"))  # so many times as many examples, for a long run now and then
-FEW = settings(max_examples=25 * TIMES, deadline=None)
+FEW = settings(max_examples=15 * TIMES, deadline=None)
 SHRUNK = settings(
     phases=[Phase.generate, Phase.shrink], database=None, max_examples=300, derandomize=True, deadline=None
 )
@@ -83,7 +83,7 @@ def test_with_integral_action_the_whole_spec_is_certified(filter: Filter, law: C
     assert_certified(dgu_spec(filter, law))
 
 
-@settings(max_examples=12 * TIMES, deadline=None)
+@settings(max_examples=8 * TIMES, deadline=None)
 @given(filters(), boundary_controllers(), st.sampled_from(("1", "1e-3", "1e-9", "1e-30")))
 def test_boundary_laws_have_no_damping_to_spare(filter: Filter, law: Controller, little: str) -> None:
     assert_passive(filter, law)
@@ -125,7 +125,7 @@ LOW = {"band": ("0.3 pu", "1.5 pu"), "base_voltage": "400 V", "power": ("10 W", 
 
 
 @pytest.mark.parametrize("monotone", [True, False])
-@settings(max_examples=15 * TIMES, deadline=None)
+@settings(max_examples=10 * TIMES, deadline=None)
 @given(data=st.data())
 def test_loads_of_another_band_and_voltage(monotone: bool, data: st.DataObject) -> None:
     load = data.draw(loads(monotone, ("zip", "exp"), **LOW))  # type: ignore[arg-type]
@@ -133,7 +133,7 @@ def test_loads_of_another_band_and_voltage(monotone: bool, data: st.DataObject) 
     assert_certified(spec) if monotone else assert_refuted(spec, "load")
 
 
-@FEW
+@settings(max_examples=8 * TIMES, deadline=None)
 @given(st.one_of(specs(), specs(max_nodes=10), specs(max_nodes=10, meshed=True)))
 def test_whole_specs_are_certified_with_their_equilibrium_and_region(spec: Document) -> None:
     found = assert_certified(spec)
@@ -141,7 +141,7 @@ def test_whole_specs_are_certified_with_their_equilibrium_and_region(spec: Docum
     assert kinds["equilibrium"] == kinds["region"] == kinds["microgrid"] == "proved"
 
 
-@settings(max_examples=15 * TIMES, deadline=None)
+@settings(max_examples=10 * TIMES, deadline=None)
 @given(specs("refuted", max_nodes=4))
 def test_refuted_specs(spec: Document) -> None:
     refuted = [c.id for c in assert_refuted(spec).verdict.claims if c.status == "refuted"]
@@ -304,7 +304,7 @@ def test_equal_parts_are_written_once_and_lines_get_names() -> None:
     assert_certified(spec)
 
 
-@FEW
+@settings(max_examples=8 * TIMES, deadline=None)
 @given(specs())
 def test_the_toml_of_a_document_says_what_it_says(spec: Document) -> None:
     assert json.loads(json.dumps(tomllib.loads(spec.to_toml()))) == tomllib.loads(spec.to_toml())
