@@ -244,6 +244,7 @@ def test_every_end_of_a_range_is_taken(ends: tuple[Any, Any]) -> None:
         (lambda: quantities("ohm", "1 mH", "2 ohm"), "does not fit"),
         (lambda: decimals(1, "many"), "cannot read"),
         (lambda: filters(L=("10 mH", "1 mH")), "not end before"),
+        (lambda: lines(R=("1 ohm",)), "two ends, not 1"),
         (lambda: loads(kinds=["motor"]), "there are zip, exp, rl"),
         (lambda: loads(False, ["rl"]), "name zip or exp"),
         (lambda: loads(band=("1.2 pu", "0.8 pu")), "a band from"),
@@ -332,6 +333,11 @@ def test_parts_print_as_python_that_makes_them() -> None:
 )
 def test_perturbed(law: Controller, gain: str, at: Any, expected: Any) -> None:
     assert law.perturbed(gain, "1e-3", at)[gain] == expected
+
+
+def test_a_filter_without_such_a_value() -> None:
+    with pytest.raises(SpecError, match=r"S203 at filter\.L"):
+        _ = Filter(R=1, L="1 mV", C=1).L
 
 
 def test_what_a_law_has_not() -> None:

@@ -12,8 +12,9 @@ from fractions import Fraction
 from typing import Any, Self
 
 from certify.building.toml import to_toml
+from certify.kernel.errors import Fault, SpecError
 from certify.kernel.model import to_state_feedback
-from certify.kernel.quantity import parse_quantity
+from certify.kernel.quantity import QuantityError, parse_quantity
 from certify.kernel.spec import LinearLoop, StateFeedback
 from certify.values import to_plain
 
@@ -58,6 +59,8 @@ def _shown(value: Any) -> str:
 class Filter(Part):
     """The filter of an inverter; R, L and C are its exact values in ohm, henry and farad, for designs in Python.
 
+    Raises: SpecError where a value is no such quantity; values in pu are left to the spec that has the base.
+
     >>> lc = Filter(R="0.1 ohm", L="1.8 mH", C="25 uF")
     >>> lc.L
     Fraction(9, 5000)
@@ -65,15 +68,21 @@ class Filter(Part):
 
     @property
     def R(self) -> Fraction:
-        return parse_quantity(self["R"], "ohm", {})
+        return self._exactly("R", "ohm")
 
     @property
     def L(self) -> Fraction:
-        return parse_quantity(self["L"], "H", {})
+        return self._exactly("L", "H")
 
     @property
     def C(self) -> Fraction:
-        return parse_quantity(self["C"], "F", {})
+        return self._exactly("C", "F")
+
+    def _exactly(self, key: str, unit: str) -> Fraction:
+        try:
+            return parse_quantity(self[key], unit, {})
+        except QuantityError as error:
+            raise SpecError((Fault(error.code, f"filter.{key}", error.message),)) from None
 
 
 class Controller(Part):

@@ -104,6 +104,7 @@ def in_range(unit: str, given: Any) -> st.SearchStrategy[Any]:
     if isinstance(given, st.SearchStrategy):
         return given
     if isinstance(given, tuple | list):
-        low, high = given
-        return quantities(unit, low, high)
+        if len(given) != 2:
+            raise ValueError(f"a range has two ends, not {len(given)}: {given!r}")
+        return quantities(unit, *given)
     return st.just(to_plain(given))

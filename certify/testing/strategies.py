@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 try:
     import hypothesis  # noqa: F401
 except ImportError as error:  # said once, for everybody who uses any of them
@@ -18,6 +20,17 @@ from certify.testing.dgus import (
 from certify.testing.load_kinds import loads
 from certify.testing.short_numbers import decimals, quantities
 from certify.testing.topologies import Network, lines, networks, specs
+
+# What proofs and refutations import when they first need it: now, because the first example would take a fifth of a
+# second longer than the others, and hypothesis would call that unreliable.
+for _name in (
+    "certify.testing.assertions",
+    "certify.testing.passivity",
+    "certify.search.contradiction",
+    "flint",
+    "numpy",
+):
+    import_module(_name)
 
 __all__ = [
     "Network",
