@@ -292,6 +292,46 @@ _ALL = (
         "FOLDER; or `certify prove SPEC [--scenario NAME] --simulate`, which does both",
     ),
     Diagnostic(
+        "U010",
+        "no committed certificate",
+        "With --require-certificate nothing is proved: what passes has a certificate that the kernel accepts.",
+        "`certify gate --write SPEC` or `certify prove SPEC -o NAME.cert.json`, and commit what it writes; or leave "
+        "--require-certificate out",
+    ),
+    Diagnostic(
+        "U011",
+        "certificate of another state of the spec",
+        "A certificate is about the bytes of one spec. This one has changed since, so nothing is known of it.",
+        "`certify gate --write SPEC` proves it as it is now and replaces the certificate; commit both",
+    ),
+    Diagnostic(
+        "U012",
+        "certificate too old, or of unknown age",
+        "--max-age asks when a certificate was made. Certificates carry no time unless that is asked for, so that the "
+        "same spec gives the same bytes. The time is a remark of whoever made the certificate: nothing proves it.",
+        "`certify prove SPEC --stamp -o CERT`, or delete it and let `certify gate --write --stamp SPEC` write it again",
+    ),
+    Diagnostic(
+        "U013",
+        "not a credible time",
+        "The time of a certificate cannot be read, or lies in the future: then its age means nothing.",
+        "check the clock, and write it again with `certify prove SPEC --stamp -o CERT`",
+    ),
+    Diagnostic(
+        "U014",
+        "a baseline that cannot be used",
+        "What was so before excuses what is no worse now, so it must be readable, and not the certificate that is "
+        "judged itself.",
+        "--baseline FOLDER with the certificates of the base branch, such as of `git worktree add base "
+        "origin/main`, or FILE with what `certify gate --json` printed there",
+    ),
+    Diagnostic(
+        "U015",
+        "a certificate without its spec",
+        "A certificate NAME.cert.json is read together with NAME.toml or NAME.json, which is the spec that it proves.",
+        "name the spec; put the certificate beside it, or say where certificates are with --certificates FOLDER",
+    ),
+    Diagnostic(
         "U020",
         "the report of a test session cannot be written",
         "It is checked before the run, so that no proof is lost: a folder that is there or can be made, or a file .md "

@@ -85,20 +85,22 @@ class _WholeError(Exception):
     """Why the short way cannot be taken."""
 
 
-def prove_again(spec: bytes, old: bytes, progress: Progress | None = None, method: str | None = None) -> Reproved:
+def prove_again(
+    spec: bytes, old: bytes, progress: Progress | None = None, method: str | None = None, stamp: bool = False
+) -> Reproved:
     """Prove a spec with what an older certificate, of any spec, has.
 
     Raises: SpecError if the spec is not well formed, or `old` is no certificate (U003); Rejected as `prove` does.
     """
     try:
         with _no_collection():
-            return _prove_changes(spec, old, progress, method)
+            return _prove_changes(spec, old, progress, method, stamp)
     except _WholeError as reason:
         whole = str(reason)
     except RecursionError:
         whole = "a spec is nested deeply"
     document = _read_old(old)
-    certificate = prove(spec, progress, method=method, earlier=Earlier(document))
+    certificate = prove(spec, progress, method=method, earlier=Earlier(document), stamp=stamp)
     before = {_decision(entry) for entry in document["claims"] if isinstance(entry, dict)}
     claims = json.loads(certificate.data)["claims"]
     again = tuple(entry["id"] for entry in claims if entry["proof"] is None or _decision(entry) not in before)
@@ -136,7 +138,7 @@ def _no_collection() -> Iterator[None]:
 # --- the short way ----------------------------------------------------------------------------------------------
 
 
-def _prove_changes(spec: bytes, old: bytes, progress: Progress | None, method: str | None) -> Reproved:
+def _prove_changes(spec: bytes, old: bytes, progress: Progress | None, method: str | None, stamp: bool) -> Reproved:
     """The certificate of a spec, from one that was accepted, by the argument above. Raises: _WholeError."""
     document, before = _accepted(old)
     if method:
@@ -162,7 +164,7 @@ def _prove_changes(spec: bytes, old: bytes, progress: Progress | None, method: s
     proofs = {key: data for key, data in document["proofs"].items() if key in used}
     found = {key: document[key] for key in ("claims", "assumptions", "verdict")} | {"proofs": proofs}
     taken_over = len(entries) - len(affected)
-    data = write_certificate(spec, found, {}, taken_over=f"{taken_over} claims, as accepted before")
+    data = write_certificate(spec, found, {}, stamp, taken_over=f"{taken_over} claims, as accepted before")
     return Reproved(Certificate(data, _verdict(found, facts), {}, spec), tuple(facts), 0, taken_over, None)
 
 

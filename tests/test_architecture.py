@@ -17,8 +17,11 @@ from tests.conftest import ROOT
 
 KERNEL = sorted((ROOT / "certify" / "kernel").glob("*.py"))
 LAYERS = [
+    "atomic",
     "kernel",
+    "locations",
     "diagnostics",
+    "provenance",
     "values",
     "rests",
     "storages",
@@ -43,6 +46,7 @@ LAYERS = [
     "arrays",
     "load_tables",
     "exits",
+    "gating",
     "report",
     "explaining",
     "commands",

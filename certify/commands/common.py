@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -20,6 +21,12 @@ def add_method(parser: argparse.ArgumentParser) -> None:
     """The option --method."""
     text = "how loads are proved; by default the cheapest way that decides. `sampled` is evidence, never a proof"
     parser.add_argument("--method", choices=METHODS, help=text)
+
+
+def add_stamp(parser: argparse.ArgumentParser) -> None:
+    """The option --stamp."""
+    text = "let the certificate say when it was made, for `certify gate --max-age`. Nothing proves that time"
+    parser.add_argument("--stamp", action="store_true", help=text)
 
 
 def add_outputs(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +55,9 @@ def designed(options: argparse.Namespace, run: Callable[[argparse.Namespace, Any
     return guarded(options, action)
 
 
-def prove_file(path: str, method: str | None, older: str | None = None) -> tuple[Any, bytes, Any]:
+def prove_file(
+    path: str, method: str | None, older: str | None = None, stamp: bool = False
+) -> tuple[Any, bytes, Any]:
     """The certificate of a spec, the bytes of the spec, and what was made of an older certificate, if there is one."""
     from certify.certificate import prove
     from certify.inputs import read
@@ -56,10 +65,10 @@ def prove_file(path: str, method: str | None, older: str | None = None) -> tuple
     data, reproved = read(path), None
     with progress_bar(f"proving {path}") as progress:
         if older is None:
-            return prove(data, progress, method=method), data, None
+            return prove(data, progress, method=method, stamp=stamp), data, None
         from certify.reuse import prove_again
 
-        reproved = prove_again(data, _read_older(older), progress, method)
+        reproved = prove_again(data, _read_older(older), progress, method, stamp)
         return reproved.certificate, data, reproved
 
 
@@ -166,15 +175,26 @@ def report_verdict(
 
 def bad_input(options: argparse.Namespace, faults: tuple[Fault, ...], file: str | None = None) -> int:
     name = file or getattr(options, "spec", None) or options.command
+    data = read_again(name)
     if options.json:
         from certify.report.machine import faults_to_dict
 
-        print(json.dumps({"file": name, **faults_to_dict(faults), "exit_code": USAGE}, indent=1))
+        print(json.dumps({"file": name, **faults_to_dict(faults, data), "exit_code": USAGE}, indent=1))
     else:
         from certify.report.text import render_faults
 
-        print(render_faults(faults, name, sys.stderr.isatty()), file=sys.stderr)
+        print(render_faults(faults, name, sys.stderr.isatty(), data=data), file=sys.stderr)
     return USAGE
+
+
+def read_again(file: str) -> bytes | None:
+    """The bytes of a file that a message is about, to tell lines by; None if they are not at hand."""
+    from certify.inputs import read
+
+    try:
+        return read(file) if os.path.isfile(file) else None
+    except (SpecError, OSError, ValueError):
+        return None
 
 
 def rejected(options: argparse.Namespace, rejection: Rejected) -> int:

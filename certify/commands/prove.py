@@ -7,7 +7,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from certify.commands.common import add_method, bad_input, guarded, progress_bar, prove_file, rejected, report_verdict
+from certify.commands.common import (
+    add_method,
+    add_stamp,
+    bad_input,
+    guarded,
+    progress_bar,
+    prove_file,
+    rejected,
+    report_verdict,
+)
 from certify.kernel.errors import Fault, Rejected, SpecError
 
 SUMMARY = "search for proofs and write a certificate"
@@ -45,6 +54,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         help="then simulate it, compare with the certificate, and try to break what that claims; 4 is the exit code of "
         "a contradiction (`certify simulate --check` has more to choose)",
     )
+    add_stamp(parser)
     add_method(parser)
 
 
@@ -64,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
             return bad_input(options, (Fault("U001", "--output", f"cannot write {options.output}: {reason}"),))
     more: dict[str, Any] = {"certificate": options.output}
     try:
-        certificate, spec, reproved = prove_file(options.spec, options.method, options.reuse)
+        certificate, spec, reproved = prove_file(options.spec, options.method, options.reuse, options.stamp)
     except SpecError as error:
         return bad_input(options, error.faults)
     except Rejected as rejection:  # a defect of the search, stopped by the kernel

@@ -6,11 +6,16 @@ import math
 from typing import Any
 
 from certify.kernel.errors import Fault
+from certify.report.text import places
 from certify.verdicts import verdict_to_dict as verdict_to_dict
 
 
-def faults_to_dict(faults: tuple[Fault, ...]) -> dict[str, Any]:
-    listed = [{"code": f.code, "path": f.path, "message": f.message} for f in faults]
+def faults_to_dict(faults: tuple[Fault, ...], data: bytes | None = None) -> dict[str, Any]:
+    """Every fault; with the `data` of the spec also its line and column, where they are known."""
+    listed: list[dict[str, Any]] = []
+    for fault, place in zip(faults, places(faults, data), strict=True):
+        where = {"line": place.line, "column": place.column} if place else {}
+        listed.append({"code": fault.code, "path": fault.path, "message": fault.message, **where})
     return {"outcome": "bad input", "faults": listed}
 
 

@@ -57,7 +57,7 @@ def run(options: argparse.Namespace, bar: Any) -> int:
     if options.output is not None:
         check_folder(options.output, [file for pair in names for file in pair], options.spec)
     with bar(f"proving {options.spec}") as progress:
-        proved = prove_phases(spec, phases, progress, options.method)
+        proved = prove_phases(spec, phases, progress, options.method, options.stamp)
     if options.output is not None:
         files: dict[str, bytes] = {}
         for pair, entry in zip(names, proved, strict=True):
@@ -81,13 +81,18 @@ def run(options: argparse.Namespace, bar: Any) -> int:
 
 
 def prove_phases(
-    spec: bytes, phases: Sequence[Phase], progress: Progress | None = None, method: str | None = None
+    spec: bytes,
+    phases: Sequence[Phase],
+    progress: Progress | None = None,
+    method: str | None = None,
+    stamp: bool = False,
 ) -> tuple[ProvedPhase, ...]:
     """Prove each phase of a spec, in order; phases that are the same are proved once. Raises: SpecError, Rejected."""
     whole, known, proved = decode(spec), dict[bytes, Certificate](), list[ProvedPhase]()
     for phase in phases:
         if phase.spec not in known:
-            known[phase.spec] = prove(phase.spec, _part_of(progress, len(proved), len(phases)), method=method)
+            part = _part_of(progress, len(proved), len(phases))
+            known[phase.spec] = prove(phase.spec, part, method=method, stamp=stamp)
         certificate = known[phase.spec]
         before = proved[-1] if proved else None
         jumps = find_jumps(whole, (before.phase, before.certificate), (phase, certificate)) if before else ()

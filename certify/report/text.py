@@ -9,6 +9,7 @@ from typing import Any
 from certify.diagnostics import DIAGNOSTICS, IN_FLOATS
 from certify.kernel.claims import BESIDE, Claim, Verdict
 from certify.kernel.errors import Fault
+from certify.locations import Locations, Position, locate
 from certify.report.layout import table
 from certify.report.network import story, summary
 
@@ -145,7 +146,7 @@ def open_claims(verdict: Verdict, notes: dict[str, str], colour: bool = False) -
     following = [c.id for c in unsettled if c not in alone and c.status != "conditional"]
     unsettled = alone
     for claim in unsettled[:SHOWN_ALONE]:
-        lines += ["", *_open_claim(claim, notes, colour)]
+        lines += ["", *claim_lines(claim, notes, colour)]
     if len(unsettled) > SHOWN_ALONE:
         lines += ["", f"and {len(unsettled) - SHOWN_ALONE} more claims that are not proved (--all lists every claim)"]
     if following:
@@ -173,7 +174,8 @@ def _summary(claims: tuple[Claim, ...]) -> list[tuple[str, ...]]:
     return rows
 
 
-def _open_claim(claim: Claim, notes: dict[str, str], colour: bool) -> list[str]:
+def claim_lines(claim: Claim, notes: dict[str, str], colour: bool = False) -> list[str]:
+    """A claim that is not proved, with its reason and its numbers."""
     lines = [
         f"{paint(claim.status, colour)}[{claim.rule or notes.get(claim.id, 'P205')}] {claim.id}: {claim.statement}"
     ]
@@ -193,11 +195,14 @@ def _open_claim(claim: Claim, notes: dict[str, str], colour: bool) -> list[str]:
     return lines
 
 
-def render_faults(faults: tuple[Fault, ...], file: str, colour: bool = False, limit: int = 40) -> str:
-    """Every fault with its code, its place and what to try."""
+def render_faults(
+    faults: tuple[Fault, ...], file: str, colour: bool = False, limit: int = 40, data: bytes | None = None
+) -> str:
+    """Every fault with its code, its place and what to try. With the `data` of the file, a spec, also with its line."""
     blocks = []
-    for fault in faults[:limit]:
-        place = f"{file}: {fault.path}" if fault.path else file
+    lines = places(faults[:limit], data)
+    for fault, line in zip(faults[:limit], lines, strict=True):
+        place = f"{file}{f':{line}' if line else ''}" + (f": {fault.path}" if fault.path else "")
         block = f"{paint('error', colour)}[{fault.code}]: {fault.message}\n --> {place}"
         if fault.code in DIAGNOSTICS:
             block += f"\n  = help: {DIAGNOSTICS[fault.code].remedy}"
@@ -205,6 +210,20 @@ def render_faults(faults: tuple[Fault, ...], file: str, colour: bool = False, li
     if len(faults) > limit:
         blocks.append(f"and {len(faults) - limit} more faults")
     return "\n".join(blocks)
+
+
+def places(faults: tuple[Fault, ...], data: bytes | None) -> list[Position | None]:
+    """Where each fault of a spec is; None where that is not known, or the fault is not one of the spec's text."""
+    found: list[Position | None] = [None] * len(faults)
+    if data is not None and any(is_about_text(fault) for fault in faults):
+        locations = Locations(data)
+        found = [locate(locations, fault) if is_about_text(fault) else None for fault in faults]
+    return found
+
+
+def is_about_text(fault: Fault) -> bool:
+    """Whether a fault is one of what stands in a spec."""
+    return fault.code.startswith("S") and fault.code != "S000"
 
 
 def tell(verdict: Verdict, title: str, limit: int = 200, advice: Mapping[str, list[str]] | None = None) -> str:

@@ -1,0 +1,105 @@
+"""Deciding one spec: by its committed certificate if the kernel accepts that, else by proving it.
+
+1. The certificate claims to be about these bytes and the kernel accepts it: that verdict counts, whatever it is. An
+   open claim is not searched for again: the same search would find the same.
+2. It claims to be about these bytes, and the kernel rejects it: so it stays. To prove anew in silence would hide that
+   somebody has committed a false certificate. The same for one that cannot be read, or is of another format.
+3. It is about another state of the spec, or there is none: the spec is proved, unless a certificate is required.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from certify.exits import EXIT_CODES, USAGE
+from certify.gating.committed import certificate_path, too_old
+from certify.gating.policy import Policy
+from certify.gating.results import Committed, Decision, Problem
+from certify.inputs import decode_all, read
+from certify.kernel.check import check
+from certify.kernel.errors import Fault, Rejected, SpecError
+from certify.provenance import read_created, read_notes
+
+_OTHER_SPEC = "K103"
+
+
+def decide(spec: str, policy: Policy, progress: Any = None) -> Decision:
+    """What is known of the spec in a file. `progress(done, total)` is called while it is proved. Never raises."""
+    started = time.perf_counter()
+
+    def decision(digest: str | None, committed: Committed, problems: tuple[Problem, ...], **found: Any) -> Decision:
+        given: dict[str, Any] = {"verdict": None, "reasons": {}, "proof": None, **found}
+        return Decision(spec, digest, committed, problems=problems, seconds=time.perf_counter() - started, **given)
+
+    try:
+        data = read(spec)
+    except SpecError as error:
+        message = f"{error.faults[0].message}; name the specs in it" if Path(spec).is_dir() else error.faults[0].message
+        return decision(None, Committed(), _bad((Fault("S000", "", message),), spec))
+    digest = hashlib.sha256(data).hexdigest()
+    committed = Committed()
+    path = certificate_path(spec, policy.certificates)
+    if path.exists():
+        try:
+            certificate = read(path)
+        except SpecError as error:
+            return decision(digest, Committed("none", str(path)), _bad(error.faults, str(path)))
+        committed = Committed("stale", str(path), hashlib.sha256(certificate).hexdigest())
+        try:
+            verdict = check(data, certificate)
+        except SpecError:
+            return decision(digest, committed, _bad(_all_faults(data), spec))
+        except Rejected as rejection:
+            if rejection.code != _OTHER_SPEC:
+                committed = Committed("rejected", committed.path, committed.sha256)
+                return decision(digest, committed, (_rejected(rejection, str(path)),))
+        else:
+            document = json.loads(certificate)
+            aged = too_old(read_created(document), str(path), policy)
+            committed = Committed("fresh", committed.path, committed.sha256)
+            return decision(digest, committed, (aged,) if aged else (), verdict=verdict, reasons=read_notes(document))
+    if policy.require:
+        missing = _missing(spec, committed, path)
+        faults = _all_faults(data)
+        return decision(digest, committed, _bad(faults, spec) if faults else (missing,))
+    from certify.certificate import prove  # the search, only where something has to be proved
+
+    try:
+        proved = prove(data, progress, method=policy.method, stamp=policy.stamp)
+    except SpecError as error:
+        return decision(digest, committed, _bad(error.faults, spec))
+    except Rejected as rejection:  # a defect of the search, stopped by the kernel
+        return decision(digest, committed, (_rejected(rejection, spec),))
+    return decision(digest, committed, (), verdict=proved.verdict, reasons=proved.notes, proof=proved.data)
+
+
+def _all_faults(data: bytes) -> tuple[Fault, ...]:
+    """Every fault of a spec, those of its scenarios too."""
+    try:
+        decode_all(data)
+    except SpecError as error:
+        return error.faults
+    return ()
+
+
+def _bad(faults: tuple[Fault, ...], file: str) -> tuple[Problem, ...]:
+    return tuple(Problem("bad input", file, fault, USAGE) for fault in faults)
+
+
+def _rejected(rejection: Rejected, file: str) -> Problem:
+    fault = Fault(rejection.code, rejection.where, rejection.reason)
+    return Problem("rejected", file, fault, EXIT_CODES["rejected"])
+
+
+def _missing(spec: str, committed: Committed, path: Path) -> Problem:
+    if committed.state == "stale":
+        fault = Fault(
+            "U011", "spec_sha256", f"{path} is about another state of this spec, and a certificate is required"
+        )
+    else:
+        fault = Fault("U010", "", f"there is no {path}, and a certificate is required")
+    return Problem("certificate", spec, fault, EXIT_CODES["unknown"])
