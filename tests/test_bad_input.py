@@ -242,7 +242,10 @@ def test_anti_windup_needs_an_integral_gain_that_can_be_inverted(
     file.write_text(text.replace('"0.5 pu"]', '"0.5 pu"], limits = [1e5, 1e5], anti_windup = "20 ms"', 1))
     message = failing_main(file, capsys)
     assert "error[S212]: the integral gain of its controller cannot be inverted" in message
-    assert f"{file}:{line_of(file, 'anti_windup')}: node.a.dgu.anti_windup\n  = help: give limits and a controller with integral action" in message
+    assert (
+        f"{file}:{line_of(file, 'anti_windup')}: node.a.dgu.anti_windup\n  = help: give limits and a controller with integral action"
+        in message
+    )
 
 
 CONTENTS = {

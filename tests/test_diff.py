@@ -114,7 +114,7 @@ def test_bad_input_names_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[
     bad = "specs/negative/misspelt-key.toml"
     for arguments in ([CIGRE, bad], [bad, CIGRE]):
         assert main(["diff", *arguments]) == 2
-        assert f" --> {bad}:18: node.a.dgu.limts" in capsys.readouterr().err
+        assert f" --> {bad}:22: node.a.dgu.limts" in capsys.readouterr().err
     assert main(["diff", CIGRE, str(tmp_path / "missing"), "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["faults"][0]["code"] == "S000"
 

@@ -128,7 +128,9 @@ def test_cigre_has_four_phases() -> None:
     assert grids[2].lines == whole.lines
 
 
-@pytest.mark.parametrize("file", sorted(Path("specs").glob("*.*")), ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "file", sorted(set(Path("specs").glob("*.*")) - set(Path("specs").glob("*.cert.json"))), ids=lambda p: p.name
+)
 def test_a_phase_without_changes_is_the_microgrid(file: Path) -> None:
     text = file.read_text().split("\n[scenario.")[0]
     if file.suffix == ".json":

@@ -25,7 +25,7 @@ def certificate_path(spec: str, folder: str | None = None) -> Path:
     'grids/a.cert.json'
     """
     path = Path(spec)
-    beside = path.with_name(stem(path.name) + SUFFIX)
+    beside = path.parent / (stem(path.name) + SUFFIX)
     return beside if folder is None else inside(folder, beside)
 
 

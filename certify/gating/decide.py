@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,12 +56,14 @@ def decide(spec: str, policy: Policy, progress: Any = None) -> Decision:
             return decision(digest, committed, _bad(_all_faults(data), spec))
         except Rejected as rejection:
             if rejection.code != _OTHER_SPEC:
-                committed = Committed("rejected", committed.path, committed.sha256)
+                committed = replace(committed, state="rejected")
                 return decision(digest, committed, (_rejected(rejection, str(path)),))
+            said = json.loads(certificate)["verdict"]
+            committed = replace(committed, said=said if isinstance(said, str) and said in EXIT_CODES else None)
         else:
             document = json.loads(certificate)
             aged = too_old(read_created(document), str(path), policy)
-            committed = Committed("fresh", committed.path, committed.sha256)
+            committed = replace(committed, state="fresh")
             return decision(digest, committed, (aged,) if aged else (), verdict=verdict, reasons=read_notes(document))
     if policy.require:
         missing = _missing(spec, committed, path)

@@ -27,12 +27,13 @@ class Committed:
     """The committed certificate of a spec.
 
     `state`: "fresh" is about this spec and accepted by the kernel, "stale" about another state of it, "rejected", or
-    "none". `path` is None if there is none.
+    "none". `path` is None if there is none. `said`: the verdict that a stale one has, which nobody has checked.
     """
 
     state: str = "none"
     path: str | None = None
     sha256: str | None = None
+    said: str | None = None
 
 
 @dataclass(frozen=True)

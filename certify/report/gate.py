@@ -20,7 +20,7 @@ Placed = Callable[[Problem], str]
 def render_spec(result: SpecResult, policy: Policy, placed: Placed, colour: bool = False) -> str:
     """One line for a spec, and below it what there is to say about it. `placed`: where in a file a problem is."""
     decision = result.decision
-    word = decision.outcome
+    word = decision.outcome if result.passed or decision.outcome != "certified" else "failed"
     how = {"fresh": "checked", "stale": "proved anew", "none": "proved", "rejected": ""}[decision.committed.state]
     told = f"  ({how})" if decision.verdict and how else ""
     head = f"{paint(word, colour, f'{word:10}')} {round(1000 * decision.seconds):>6} ms  {decision.spec}{told}"
@@ -65,7 +65,8 @@ def _aside(result: SpecResult) -> list[str]:
         lines.append(f"in the baseline, and not any more: {listed}{', ...' if len(result.absent) > 4 else ''}")
     committed = result.decision.committed
     if result.written:
-        lines.append(f"wrote {result.written}")
+        said = f"; that of an earlier state said {committed.said}" if committed.said else ""
+        lines.append(f"wrote {result.written}{said}")
     elif committed.state == "stale" and result.decision.proof is not None:
         lines.append(f"{committed.path} is about another state of this spec (stale); --write replaces it")
     return lines

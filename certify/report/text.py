@@ -20,6 +20,8 @@ _COLOURS = {
     "unknown": "33;1",
     "conditional": "33;1",
     "rejected": "31;1",
+    "failed": "31;1",
+    "bad input": "31;1",
     "error": "31;1",
 }
 _KINDS = {
