@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import Any
 
 from certify.commands.common import add_method, add_stamp, bad_input, progress_bar, read_again
@@ -131,7 +132,7 @@ def run(options: argparse.Namespace) -> int:
     warnings += _unknown_names(results, policy)
     found = GateResult(tuple(results), tuple(warnings), options.baseline)
     try:
-        warnings += write_files(options, found)
+        found = replace(found, warnings=(*warnings, *write_files(options, found)))
     except SpecError as error:
         unwritten += error.faults
     if options.json:
@@ -140,7 +141,7 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps(to_dict(found, policy, places.position, options.times), indent=1))
     else:
         print(render_sum(found, policy))
-    for warning in warnings:
+    for warning in found.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     if unwritten:
         from certify.report.text import render_faults
@@ -169,7 +170,7 @@ def _policy(options: argparse.Namespace) -> Policy:
         faults.append(Fault("U001", "--write", "with --require-certificate nothing is proved, so nothing is written"))
     if options.stamp and not options.write:
         faults.append(Fault("U001", "--stamp", "certificates are only kept with --write"))
-    if options.certificates is not None and not Path(options.certificates).is_dir():
+    if options.certificates is not None and not os.path.isdir(options.certificates):
         faults.append(Fault("U001", "--certificates", f"there is no folder {options.certificates}"))
     if faults:
         raise SpecError(tuple(faults))
@@ -185,13 +186,11 @@ def _policy(options: argparse.Namespace) -> Policy:
 
 def _before(baseline: Baseline, spec: str, certificates: str | None) -> Any:
     committed = certificate_path(spec, certificates)
-    return baseline.of(spec, str(committed) if committed.exists() else None)
+    return baseline.of(spec, str(committed) if os.path.exists(committed) else None)
 
 
 def _kept(result: SpecResult, options: argparse.Namespace) -> SpecResult:
     """The result, its new certificate written if that is asked for. Raises: SpecError."""
-    from dataclasses import replace
-
     from certify.report.gate_files import write_certificate
 
     if not options.write or result.decision.proof is None:

@@ -7,6 +7,7 @@ what is excused, so it has to come from where changes have been accepted already
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ class Baseline:
         """`source`: a folder of certificates, or a file that `certify gate --json` has printed. Raises: SpecError."""
         self.source = source
         self.results: dict[str, Mapping[str, str]] | None = None
-        if not Path(source).is_dir():
+        if not os.path.isdir(source):
             self.results = _read_results(source)
 
     def of(self, spec: str, committed: str | None) -> Mapping[str, str] | None:
@@ -37,9 +38,9 @@ class Baseline:
         if self.results is not None:
             return self.results.get(Path(spec).as_posix())
         path = certificate_path(spec, self.source)
-        if not path.exists():
+        if not os.path.exists(path):
             return None
-        if committed is not None and path.resolve() == Path(committed).resolve():
+        if committed is not None and os.path.realpath(path) == os.path.realpath(committed):
             raise _unusable(f"{path} is the certificate that is judged; take the baseline from the base branch")
         try:
             certificate = read(path)
@@ -54,7 +55,7 @@ class Baseline:
 
 def _check_if_possible(spec: Path, certificate: bytes, path: Path) -> None:
     """Have the kernel check a certificate of the baseline, if what it is about is there too. Raises: SpecError."""
-    if not spec.is_file():
+    if not os.path.isfile(spec):
         return
     try:
         check(read(spec), certificate)

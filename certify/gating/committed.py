@@ -33,7 +33,7 @@ def inside(folder: str, path: Path) -> Path:
     """The file of this path in a folder if it is there, else that of its name alone."""
     relative = os.path.relpath(path)
     whole = Path(folder) / relative
-    return whole if not relative.startswith("..") and whole.exists() else Path(folder) / path.name
+    return whole if not relative.startswith("..") and os.path.exists(whole) else Path(folder) / path.name
 
 
 def stem(name: str) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -39,12 +40,12 @@ def decide(spec: str, policy: Policy, progress: Any = None) -> Decision:
     try:
         data = read(spec)
     except SpecError as error:
-        message = f"{error.faults[0].message}; name the specs in it" if Path(spec).is_dir() else error.faults[0].message
+        message = f"{error.faults[0].message}; name the specs in it" if os.path.isdir(spec) else error.faults[0].message
         return decision(None, Committed(), _bad((Fault("S000", "", message),), spec))
     digest = hashlib.sha256(data).hexdigest()
     committed = Committed()
     path = certificate_path(spec, policy.certificates)
-    if path.exists():
+    if os.path.exists(path):
         try:
             certificate = read(path)
         except SpecError as error:

@@ -56,14 +56,15 @@ def _standing(claim: Claim, verdict: Verdict, policy: Policy, before: Mapping[st
 def _is_allowed(claim: Claim, verdict: Verdict, policy: Policy) -> bool:
     """Whether all that a claim lacks is in the ledger, by names that are allowed."""
     names = open_names(verdict)
+    needed: list[str] = []
     if verdict.outcome == "conditional":
-        return all(policy.allows(name) for name in names)
-    if claim.status == "conditional":
+        needed = names
+    elif claim.status == "conditional":
         sampled = [name for name in names if name.startswith("sampled/")]
         own = f"sampled/{claim.id.partition('/')[2]}"
-        return all(policy.allows(name) for name in ([own] if own in sampled else sampled))
-    if claim.kind in RESTS and claim.status == "unknown":
+        needed = [own] if own in sampled else sampled
+    elif claim.kind in RESTS and claim.status == "unknown":
         island = claim.id.partition("/")[2]
-        mine = [name for name in names if name in (f"equilibrium/{island}", f"region/{island}")]
-        return bool(mine) and all(policy.allows(name) for name in mine)
-    return False
+        needed = [name for name in names if name in (f"equilibrium/{island}", f"region/{island}")]
+    # What lacks something that has no name in the ledger cannot be allowed.
+    return bool(needed) and all(policy.allows(name) for name in needed)

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-_AGE = re.compile(r"(\d{1,6})\s*(m|h|d|w)")
+_AGE = re.compile(r"(\d{1,6})\s*(m|h|d|w)", re.ASCII)
 _SECONDS = {"m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 
 

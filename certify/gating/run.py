@@ -25,6 +25,7 @@ def select(paths: Sequence[str]) -> tuple[list[str], list[Decision], list[str]]:
     certificate too.
     """
     specs: dict[str, str] = {}
+    given: set[str] = set()
     stray: list[Decision] = []
     told: list[str] = []
     for path in paths:
@@ -37,9 +38,11 @@ def select(paths: Sequence[str]) -> tuple[list[str], list[Decision], list[str]]:
             stray.append(Decision(path, None, Committed("none", path), None, {}, (problem,), None, 0.0))
         for spec in meant:
             real = os.path.realpath(spec)
-            if real in specs and spec == path:
-                told.append(f"{spec} is given twice, and judged once")
             specs.setdefault(real, spec)
+            if spec == path:
+                if real in given:
+                    told.append(f"{spec} is given twice, and judged once")
+                given.add(real)
     return list(specs.values()), stray, told
 
 
@@ -55,7 +58,7 @@ def _is_certificate(path: str) -> bool:
 
 def _specs_of(certificate: str) -> list[str]:
     name = certificate.removesuffix(SUFFIX)
-    return [name + ending for ending in (".toml", ".json") if Path(name + ending).is_file()]
+    return [name + ending for ending in (".toml", ".json") if os.path.isfile(name + ending)]
 
 
 def decide_specs(specs: Sequence[str], policy: Policy, bar: Any, jobs: int | None = None) -> Iterator[Decision]:

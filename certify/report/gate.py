@@ -25,10 +25,15 @@ def render_spec(result: SpecResult, policy: Policy, placed: Placed, colour: bool
     told = f"  ({how})" if decision.verdict and how else ""
     head = f"{paint(word, colour, f'{word:10}')} {round(1000 * decision.seconds):>6} ms  {decision.spec}{told}"
     details = [*_problems(result, placed), *_claims(result, policy), *_aside(result)]
-    lines = [head, *(f"{INDENT}{text}" for text in details[:SHOWN])]
+    lines = [_visible(head, colour), *(INDENT + _visible(text) for text in details[:SHOWN])]
     if len(details) > SHOWN:
         lines.append(f"{INDENT}and {len(details) - SHOWN} more (--json has them all)")
     return "\n".join(lines)
+
+
+def _visible(text: str, colour: bool = False) -> str:
+    """A line without what a file's name could do to a terminal; what paints it stays."""
+    return "".join(c if c.isprintable() or (colour and c == "\033") else ascii(c)[1:-1] for c in text)
 
 
 def _problems(result: SpecResult, placed: Placed) -> list[str]:

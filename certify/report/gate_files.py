@@ -47,18 +47,18 @@ def _targets(options: argparse.Namespace) -> list[tuple[str, str]]:
 
 def is_folder(path: str) -> bool:
     """Whether a path means a folder: it is one, or is written as one."""
-    return Path(path).is_dir() or path.endswith(("/", os.sep))
+    return os.path.isdir(path) or path.endswith(("/", os.sep))
 
 
 def _why_not(path: str, may_be_folder: bool) -> str:
     """Why a file cannot be written there, as far as can be told without trying; empty if it seems that it can."""
     if may_be_folder and is_folder(path):
-        folder = Path(path) if Path(path).exists() else Path(os.path.normpath(path)).parent
-    elif Path(path).is_dir() or path.endswith(("/", os.sep)):
+        folder = Path(path) if os.path.exists(path) else Path(os.path.normpath(path)).parent
+    elif os.path.isdir(path) or path.endswith(("/", os.sep)):
         return "it is a folder"
     else:
         folder = Path(path).parent
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         return f"there is no folder {folder}"
     return "" if os.access(folder, os.W_OK | os.X_OK) else f"the folder {folder} cannot be written to"
 

@@ -80,7 +80,7 @@ def _locations(spec: SpecResult) -> Locations | None:
     """The places of a spec, if its file still is what was judged."""
     try:
         data = Path(spec.decision.spec).read_bytes()
-    except OSError:
+    except (OSError, ValueError):
         return None
     return Locations(data) if hashlib.sha256(data).hexdigest() == spec.decision.sha256 else None
 
@@ -92,7 +92,9 @@ def _problems(spec: SpecResult, locations: Locations | None, base: Path) -> Iter
         if locations is not None and problem.file == spec.decision.spec and problem.kind == "bad input":
             where = locate(locations, fault) or TOP
         text = f"{fault.path}: {fault.message}" if fault.path else fault.message
-        message = f"{text}.\nWhat to try: {DIAGNOSTICS[fault.code].remedy}."
+        message = (
+            f"{text}{'' if text.endswith(('.', '?', '!')) else '.'}\nWhat to try: {DIAGNOSTICS[fault.code].remedy}."
+        )
         place = _location(problem.file, where, base)
         yield _result(fault.code, "fail", "error", message, place, (_uri(problem.file, base)[0], fault.path), "new")
 
