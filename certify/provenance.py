@@ -1,4 +1,4 @@
-"""What a certificate says of itself and nobody has proved: when it was made, and why claims are open."""
+"""What a certificate says of itself and nobody has proved: when it was made."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import os
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
-
-from certify.diagnostics import DIAGNOSTICS
 
 TIME_FORMAT = "%Y-%m-%dT%H:%M:%SZ"
 
@@ -21,15 +19,6 @@ def moment(stamp: bool = False) -> str | None:
     if epoch.isascii() and epoch.isdecimal() and len(epoch) < 12:  # up to the year 5138
         return datetime.fromtimestamp(int(epoch), UTC).strftime(TIME_FORMAT)
     return datetime.now(UTC).strftime(TIME_FORMAT) if stamp else None
-
-
-def read_notes(document: Mapping[str, Any]) -> dict[str, str]:
-    """Why open claims are open, as the search noted it: not trusted, and shown only if it is a known code."""
-    provenance = document["provenance"]
-    notes = provenance.get("notes") if isinstance(provenance, dict) else None
-    return (
-        {k: v for k, v in notes.items() if isinstance(v, str) and v in DIAGNOSTICS} if isinstance(notes, dict) else {}
-    )
 
 
 def read_created(document: Mapping[str, Any]) -> str | None:

@@ -55,9 +55,7 @@ def designed(options: argparse.Namespace, run: Callable[[argparse.Namespace, Any
     return guarded(options, action)
 
 
-def prove_file(
-    path: str, method: str | None, older: str | None = None, stamp: bool = False
-) -> tuple[Any, bytes, Any]:
+def prove_file(path: str, method: str | None, older: str | None = None, stamp: bool = False) -> tuple[Any, bytes, Any]:
     """The certificate of a spec, the bytes of the spec, and what was made of an older certificate, if there is one."""
     from certify.certificate import prove
     from certify.inputs import read

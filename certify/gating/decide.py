@@ -24,7 +24,8 @@ from certify.gating.results import Committed, Decision, Problem
 from certify.inputs import decode_all, read
 from certify.kernel.check import check
 from certify.kernel.errors import Fault, Rejected, SpecError
-from certify.provenance import read_created, read_notes
+from certify.provenance import read_created
+from certify.verdicts import read_notes
 
 _OTHER_SPEC = "K103"
 
@@ -65,7 +66,9 @@ def decide(spec: str, policy: Policy, progress: Any = None) -> Decision:
             document = json.loads(certificate)
             aged = too_old(read_created(document), str(path), policy)
             committed = replace(committed, state="fresh")
-            return decision(digest, committed, (aged,) if aged else (), verdict=verdict, reasons=read_notes(document))
+            return decision(
+                digest, committed, (aged,) if aged else (), verdict=verdict, reasons=read_notes(certificate)
+            )
     if policy.require:
         missing = _missing(spec, committed, path)
         faults = _all_faults(data)
