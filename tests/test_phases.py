@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from fractions import Fraction
@@ -673,7 +674,7 @@ def test_scenario_that_is_refused(case: str, tmp_path: Path, capsys: pytest.Capt
         told = capsys.readouterr()
         assert not told.out
         assert f"error[{code}]" in told.err
-        assert f"{file}: {path}\n  = help: " in told.err
+        assert re.search(rf"{re.escape(str(file))}:\d+: {re.escape(path)}\n  = help: ", told.err)
         assert message in told.err
 
 
