@@ -20,6 +20,7 @@ from certify.kernel.reader import shown
 
 MAX_DEPTH = 60  # of tables and lists in each other: a spec needs six
 MAX_CHARACTERS = 1 << 22  # of a text that is scanned: two seconds
+LONGEST = 2_000  # characters of a path in which names are looked for
 
 _SPACE = re.compile(r"[ \t\r]*")
 _GAP = re.compile(r"(?:[ \t\r\n]+|#[^\n]*)*")  # between the entries of lists and tables, where lines may end
@@ -97,6 +98,7 @@ class Locations:
         self.root = Place(0, 0)
         if len(self.text) <= MAX_CHARACTERS:
             _Scanner(self.text, self.root).document()
+        self._names: dict[int, dict[str, Place]] = {}  # by the `id` of a place, which lives as long as this does
         self._lines = [0, *(match.end() for match in re.finditer("\n", self.text))]
 
     def of(self, path: str) -> Position:
@@ -138,24 +140,25 @@ class Locations:
         return best, least
 
     def _steps(self, place: Place, rest: str) -> Iterator[tuple[Place, str]]:
-        if place.items is not None:
-            if found := re.match(r"\[(\d{1,9})\]\.?", rest):
-                if int(found[1]) < len(place.items):
-                    yield place.items[int(found[1])], rest[found.end() :]
-            else:  # a line is named by its `name`; of two the later one is at fault
-                named = {self._words((item.keys or {}).get("name")): item for item in place.items}
-                yield from _after(((shown(name), item) for name, item in named.items() if name is not None), rest)
-        elif place.keys is not None:
-            ends = [match.start() for match in re.finditer(r"[.\[]", rest[:2000])] + [len(rest)]
-            direct = [(rest[:end], place.keys[rest[:end]]) for end in ends if rest[:end] in place.keys]
-            odd = rest[:1] in ("'", '"')  # a name that is shown in quotes, and shortened
-            yield from _after(((shown(name), x) for name, x in place.keys.items()) if odd else iter(direct), rest)
+        """Each place that is one step further on a path, and what is left of that."""
+        if place.items is not None and (found := re.match(r"\[(\d{1,9})\]\.?", rest)):
+            if int(found[1]) < len(place.items):
+                yield place.items[int(found[1])], rest[found.end() :]
+            return
+        named = self._named(place)
+        for end in [match.start() for match in re.finditer(r"[.\[]", rest[:LONGEST])] + [len(rest)]:
+            if rest[:end] in named:
+                yield named[rest[:end]], rest[end:].removeprefix(".")
 
-
-def _after(named: Iterator[tuple[str, Place]], rest: str) -> Iterator[tuple[Place, str]]:
-    for name, place in named:
-        if rest.startswith(name) and rest[len(name) : len(name) + 1] in ("", ".", "["):
-            yield place, rest[len(name) :].removeprefix(".")
+    def _named(self, place: Place) -> dict[str, Place]:
+        """What stands in a place, by its name as paths have it. Lines are named by what stands in them as `name`."""
+        if id(place) not in self._names:
+            found = dict(place.keys or {})
+            for item in place.items or ():  # of two of one name the later one is at fault
+                name = self._words((item.keys or {}).get("name"))
+                found |= {name: item} if name is not None else {}
+            self._names[id(place)] = {shown(name): x for name, x in found.items()}
+        return self._names[id(place)]
 
 
 def locate(where: Locations, fault: Fault) -> Position | None:

@@ -231,6 +231,18 @@ def test_baseline_states(capsys: Capture) -> None:
     assert (found["dgu/99"]["kind"], found["dgu/99"]["level"]) == ("notApplicable", "none")
 
 
+def test_no_more_results_than_code_scanning_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    statuses = ("proved", "refuted", "unknown", "proved", "refuted")
+    claims = tuple(Claim(f"load/{k}", "says", status) for k, status in enumerate(statuses))
+    decision = Decision("x.toml", "0" * 64, Committed(), Verdict("refuted", claims, ()), {}, (), None, 0.0)
+    result = GateResult((judge(decision, Policy()),))
+    monkeypatch.setattr("certify.report.sarif.MOST", 3)
+    (run,) = json.loads(to_sarif(result))["runs"]
+    assert [entry["kind"] for entry in run["results"]] == ["fail", "open", "fail"]
+    (note,) = run["invocations"][0]["toolExecutionNotifications"]
+    assert note["message"]["text"].startswith("2 results are left out")
+
+
 # --- results of every sort, made by hand ------------------------------------------------------------------------
 
 NAME = "a\x1b[31m\udcff <&>\"']]>\ufffe é %41 #?"

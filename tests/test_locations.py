@@ -173,6 +173,15 @@ def test_time_is_linear(data: bytes) -> None:
     assert time.perf_counter() - started < 3  # generous; quadratic ones would take minutes
 
 
+def test_many_lookups_are_quick() -> None:
+    names = range(20_000)
+    lines = "".join(f'[[line]]\nname = "l{k}"\nfrom = "a"\n' for k in names)
+    where = Locations(lines.encode())
+    started = time.perf_counter()
+    assert [where.of(f"line.l{k}.from").line for k in names] == [3 * k + 3 for k in names]
+    assert time.perf_counter() - started < 10  # generous; looking through all lines each time would take minutes
+
+
 def test_a_path_leads_to_its_key_or_the_nearest_table() -> None:
     text = """\
 \ufefftop = 1

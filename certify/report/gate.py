@@ -55,6 +55,8 @@ def _claims(result: SpecResult, policy: Policy) -> list[str]:
     if verdict is not None and result.of(FAILED):
         names = [name for name in open_names(verdict) if not policy.allows(name)]
         lines += [f"to pass, it needs --allow {name}" for name in names]
+        if result.decision.committed.state == "fresh" and any(x.claim.status == "unknown" for x in result.of(FAILED)):
+            lines.append("by its certificate, which is not searched again; `certify prove SPEC -o CERT` does")
     return lines
 
 

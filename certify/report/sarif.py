@@ -13,8 +13,8 @@
 | a claim of the baseline that is made no more             | notApplicable | none    |
 
 GitHub's code scanning makes an alert of every result, whatever its kind: there `kinds` should be fail, open and review.
-Of a result it uses `message`, the first of `locations` and the fingerprint `primaryLocationLineHash`; at most 25,000
-results of a run, of which it shows 5,000.
+Of a result it uses `message`, the first of `locations` and the fingerprint `primaryLocationLineHash`. It takes 25,000
+results of a run and shows 5,000: of more, those that fail are kept.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from certify.report.text import claim_lines
 SCHEMA = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
 KINDS = ("fail", "open", "review", "pass", "informational", "notApplicable")
 ROOT = "%SRCROOT%"
+MOST = 25_000  # results of a run that code scanning takes
 LONGEST = 1000  # characters of a description: 1,024 are taken
 UNEXPLAINED = "P205"
 Result = dict[str, Any]
@@ -53,6 +54,10 @@ def to_sarif(result: GateResult, kinds: Collection[str] = KINDS, root: Path | No
             for entry in found:
                 entry.pop("baselineState")
         results += [entry for entry in found if entry["kind"] in kinds]
+    left_out = max(0, len(results) - MOST)
+    if left_out:  # what fails comes first
+        order = sorted(range(len(results)), key=lambda k: KINDS.index(results[k]["kind"]))
+        results = [results[k] for k in sorted(order[:MOST])]
     codes = list(dict.fromkeys(entry["ruleId"] for entry in results))
     for entry in results:
         entry["ruleIndex"] = codes.index(entry["ruleId"])
@@ -60,7 +65,7 @@ def to_sarif(result: GateResult, kinds: Collection[str] = KINDS, root: Path | No
     run = {
         "tool": {"driver": {**driver, "rules": [_rule(code) for code in codes]}},
         "automationDetails": {"id": "certify/gate/"},
-        "invocations": [{"executionSuccessful": result.exit_code not in (2, 4), "exitCode": result.exit_code}],
+        "invocations": [_invocation(result.exit_code, left_out)],
         "originalUriBaseIds": {ROOT: {"description": {"text": "the root of the repository"}}},
         "columnKind": "unicodeCodePoints",
         "artifacts": _artifacts(result, base),
@@ -68,6 +73,14 @@ def to_sarif(result: GateResult, kinds: Collection[str] = KINDS, root: Path | No
     }
     log = {"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}
     return (json.dumps(log, indent=1, ensure_ascii=False) + "\n").encode("utf-8", "replace")
+
+
+def _invocation(exit_code: int, left_out: int) -> Result:
+    invocation: Result = {"executionSuccessful": exit_code not in (2, 4), "exitCode": exit_code}
+    if left_out:
+        text = f"{left_out} results are left out: a run has at most {MOST}."
+        invocation["toolExecutionNotifications"] = [{"level": "warning", "message": {"text": text}}]
+    return invocation
 
 
 def source_root() -> Path:

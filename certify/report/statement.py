@@ -2,6 +2,15 @@
 
 The subjects are the specs, by their SHA-256; `configuration` names what the result rests on: the certificates, and the
 kernel by its version. A test is a claim, named SPEC#CLAIM. Specification: https://in-toto.io/attestation/test-result/v0.1.
+
+Whoever believes a statement needs a signature around it. Signers take the predicate and the file that it is about, and
+make the statement again; by their documentation (not tried here), for a statement of one spec, with
+`jq .predicate a.intoto.json > predicate.json`:
+
+    cosign attest-blob --predicate predicate.json --type https://in-toto.io/attestation/test-result/v0.1 \\
+        --key cosign.key --output-attestation a.dsse.json specs/a.toml
+
+and on GitHub the action `actions/attest` with `predicate-type` and `predicate-path`.
 """
 
 from __future__ import annotations
