@@ -23,6 +23,7 @@ import hashlib
 import json
 import os
 from collections.abc import Collection, Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -46,6 +47,7 @@ Result = dict[str, Any]
 def to_sarif(result: GateResult, kinds: Collection[str] = KINDS, root: Path | None = None) -> bytes:
     """The log, the same again on every run. `root`: what paths are relative to, by default that of the repository."""
     base = (root or source_root()).resolve()
+    _uri.cache_clear()  # another folder may be the current one now
     results: list[Result] = []
     for spec in result.specs:
         locations = _locations(spec)
@@ -201,6 +203,7 @@ def _location(file: str, where: Position, base: Path, claim: str | None = None) 
     return {"physicalLocation": {"artifactLocation": artifact, "region": region}, **logical}
 
 
+@lru_cache(maxsize=256)
 def _uri(file: str, base: Path) -> tuple[str, bool]:
     """A file relative to the root, links followed, or its whole URI if it is not in there."""
     path = Path(os.path.realpath(file))
