@@ -479,6 +479,108 @@ _ALL = (
         "write 0.9pu, or put [pu] into the header",
     ),
     Diagnostic(
+        "I001",
+        "not a network of this format",
+        "An import reads the file formats of other programs, written by these programs themselves.",
+        "for pandapower: the file that pandapower.to_json(net, FILE) writes",
+    ),
+    Diagnostic(
+        "I002",
+        "a network file that names code",
+        "Files of pandapower may name any Python class, which would be imported and run. Tables and plain values are "
+        "read, and nothing else.",
+        "write the network again without this object: del net[KEY] before pandapower.to_json",
+    ),
+    Diagnostic(
+        "I003",
+        "a value that an element cannot have",
+        "Missing numbers, NaN, infinite ones and wrong signs are not guessed at.",
+        "mend the row in the source, or set in_service of the element to False",
+    ),
+    Diagnostic(
+        "I004",
+        "an element at something that is not there",
+        "A row refers to a bus or an element that the network has not.",
+        "mend the row, or leave its table out with --leave-out",
+    ),
+    Diagnostic(
+        "I005",
+        "phases that differ",
+        "The models and claims are those of balanced networks: one dq vector stands for three phases. A load that "
+        "differs between phases has no place there.",
+        "replace it by a balanced load, or leave it out with --leave-out",
+    ),
+    Diagnostic(
+        "I006",
+        "an element that no spec can express",
+        "Leaving it out makes another network of it, so that has to be said.",
+        "--leave-out TABLE says so for all rows of a table; or take it out of the source",
+    ),
+    Diagnostic(
+        "I007",
+        "where the DGUs are is not said",
+        "An island needs inverters that form it, and which elements of the network these are is a choice.",
+        "--dgu BUS,BUS names buses; --dgus-at KINDS takes all elements of some kinds: generators, storage, "
+        "static-generators, ext-grid",
+    ),
+    Diagnostic(
+        "I008",
+        "a package that is not installed",
+        "Networks of pandapower are read by pandapower itself, which is an extra of this package.",
+        "pip install 'certify-eip[pandapower]'",
+    ),
+    Diagnostic(
+        "I009",
+        "pandapower cannot read the file",
+        "The file is well formed, but pandapower refuses it: written by a newer version, or damaged.",
+        "a newer pandapower; or write the file again with the one installed",
+    ),
+    Diagnostic(
+        "I010",
+        "no such SimBench grid",
+        "A code such as 1-LV-rural1--0-sw names one of the grids that the package simbench ships.",
+        "simbench.collect_all_simbench_codes() lists them",
+    ),
+    Diagnostic(
+        "I020",
+        "a branch that is no resistance and inductance in series",
+        "Line currents are states, so each line needs L > 0, and R > 0 makes it dissipate, on which every proof rests.",
+        "give the line a small reactance or resistance, or join its buses by a closed switch",
+    ),
+    Diagnostic(
+        "I021",
+        "no DGU",
+        "Without a grid-forming inverter an island has no voltage.",
+        "--dgu BUS or --dgus-at KINDS",
+    ),
+    Diagnostic(
+        "I022",
+        "a bus without capacitance",
+        "The voltage of a bus without a DGU is a state only if there is a capacitance, which lines bring. Where the "
+        "source has none, a value must be stated; it is never made up.",
+        '--line-capacitance "10 nF/km" for lines without one, --bus-capacitance "1 nF" for buses that no such line '
+        "reaches",
+    ),
+    Diagnostic(
+        "I023",
+        "transformers that contradict each other",
+        "Voltages are referred to one side of all transformers, which is exact if their ratios multiply to one and "
+        "their shifts add up to zero around every loop.",
+        "set the taps of parallel transformers alike, or open the loop",
+    ),
+    Diagnostic(
+        "I024",
+        "no filter or controller for the DGUs",
+        "A DGU needs both. They are placeholders that are built in, or taken from another spec.",
+        "--filter-from SPEC with --filter NAME and --controller NAME; without it --controller ida-pbc or pi",
+    ),
+    Diagnostic(
+        "I025",
+        "references that do not fit",
+        "A DGU keeps the voltage of its bus at its reference, so there is one of each at a bus.",
+        '--reference "1.02 pu" for all DGUs, --reference BUS=1.02pu for one',
+    ),
+    Diagnostic(
         "results",
         "the results of `certify loads`",
         "verdict and rule; from_V and to_V, the band; critical_V and critical_pu, the voltage from which on the load "

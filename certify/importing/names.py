@@ -1,0 +1,50 @@
+"""Names that a spec accepts, unique and as near as possible to those of the foreign network."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable
+
+from certify.kernel.reader import NAME
+
+_LONGEST = 56  # leaves room for a suffix
+
+
+def clean(text: str, fallback: str) -> str:
+    """A usable name: accents dropped, what else is not allowed replaced by `_`; `fallback` if nothing is left.
+
+    >>> clean("Station Köln/Süd #4", "bus 7")
+    'Station Koln_Sud _4'
+    """
+    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    name = re.sub(r"[^A-Za-z0-9_.:+ -]+", "_", plain)[:_LONGEST].strip(" .:+-")
+    return name if NAME.fullmatch(name) and re.search(r"[A-Za-z0-9]", name) else fallback
+
+
+def unique(labels: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """One name for each (text, fallback), in order; one that is taken, in whatever case, gets a number.
+
+    >>> unique([("a", "bus 0"), ("a", "bus 1"), ("", "bus 2")])
+    ('a', 'a-2', 'bus 2')
+    """
+    taken: set[str] = set()
+    next_number: dict[str, int] = {}
+    names = []
+    for text, fallback in labels:
+        base = clean(text, fallback)
+        name = base
+        number = next_number.get(base.lower(), 2)
+        while name.lower() in taken:
+            name = f"{base}-{number}"
+            number += 1
+        next_number[base.lower()] = number
+        taken.add(name.lower())
+        names.append(name)
+    return tuple(names)
+
+
+def comment(text: str, limit: int = 200) -> str:
+    """Foreign text as it may stand in a comment: one line, printable, not too long."""
+    plain = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return plain if len(plain) <= limit else plain[: limit - 3] + "..."
