@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 from importlib import import_module
+from keyword import iskeyword
 from types import ModuleType
 
 from certify import __version__
@@ -24,6 +25,7 @@ COMMANDS = (
     "tolerance",
     "loads",
     "simulate",
+    "import",
     "completion",
 )
 EXAMPLES = """example:
@@ -38,7 +40,7 @@ EXITS = (
 
 def command_module(name: str) -> ModuleType:
     """The module of a command."""
-    return import_module(f"certify.commands.{name}")
+    return import_module(f"certify.commands.{name}{'_' if iskeyword(name) else ''}")
 
 
 def build_parser(first: str | None = None) -> argparse.ArgumentParser:

@@ -6,6 +6,19 @@ controllers for inverters, names, and the text itself. A format is one more modu
 
 from certify.importing.draft import Draft, to_spec
 from certify.importing.network import Branch, Bus, ExpRow, Network, Note, Source, Unmapped, ZipRow
-from certify.importing.settings import Settings
+from certify.importing.settings import Placement, Settings
 
-__all__ = ["Branch", "Bus", "Draft", "ExpRow", "Network", "Note", "Settings", "Source", "Unmapped", "ZipRow", "to_spec"]
+__all__ = [
+    "Branch",
+    "Bus",
+    "Draft",
+    "ExpRow",
+    "Network",
+    "Note",
+    "Placement",
+    "Settings",
+    "Source",
+    "Unmapped",
+    "ZipRow",
+    "to_spec",
+]

@@ -59,7 +59,7 @@ def to_spec(network: Network, settings: Settings) -> Draft:
     referred = joined(referred)
     require_capacitances(referred)
     off_level = frozenset(name for level in levels if level.factor != 1 for name in level.buses)
-    referred = replace(referred, sources=_with_references(referred.sources, settings))
+    referred = replace(referred, sources=_with_references(referred, settings))
     inverters = equip(referred, settings, off_level)
     mapped = tuple(
         dict.fromkeys(
@@ -88,14 +88,12 @@ def _has_constant_power(load: ZipRow | ExpRow) -> bool:
     return (not load.np and bool(load.P0_watt)) or (not load.nq and bool(load.Q0_var))
 
 
-def _with_references(sources: tuple[Source, ...], settings: Settings) -> tuple[Source, ...]:
+def _with_references(network: Network, settings: Settings) -> tuple[Source, ...]:
     """Sources with stated references. Raises: SpecError I025 for a bus without a DGU, or two DGUs at one bus."""
+    sources = network.sources
+    stated = {network.aliases.get(name, name): value for name, value in settings.references.items()}
     known = {source.bus for source in sources}
-    faults = [
-        Fault("I025", "--reference", f"no DGU at bus {name}")
-        for name in settings.references
-        if name and name not in known
-    ]
+    faults = [Fault("I025", "--reference", f"no DGU at bus {name}") for name in stated if name and name not in known]
     faults += [
         Fault("I025", name, f"{count} DGUs at one bus")
         for name, count in Counter(s.bus for s in sources).items()
@@ -103,8 +101,8 @@ def _with_references(sources: tuple[Source, ...], settings: Settings) -> tuple[S
     ]
     if faults:
         raise SpecError(tuple(faults))
-    common = settings.references.get("")
-    return tuple(replace(s, reference_pu=settings.references.get(s.bus, common or s.reference_pu)) for s in sources)
+    common = stated.get("")
+    return tuple(replace(s, reference_pu=stated.get(s.bus, common or s.reference_pu)) for s in sources)
 
 
 def _text(

@@ -22,26 +22,33 @@ def clean(text: str, fallback: str) -> str:
     return name if NAME.fullmatch(name) and re.search(r"[A-Za-z0-9]", name) else fallback
 
 
+class Names:
+    """Names that have been given away; one that is taken, in whatever case, gets a number."""
+
+    def __init__(self) -> None:
+        self._taken: set[str] = set()
+        self._next: dict[str, int] = {}
+
+    def take(self, text: str, fallback: str) -> str:
+        """A new name, as near as possible to a text."""
+        base = name = clean(text, fallback)
+        number = self._next.get(base.lower(), 2)
+        while name.lower() in self._taken:
+            name = f"{base}-{number}"
+            number += 1
+        self._next[base.lower()] = number
+        self._taken.add(name.lower())
+        return name
+
+
 def unique(labels: Iterable[tuple[str, str]]) -> tuple[str, ...]:
-    """One name for each (text, fallback), in order; one that is taken, in whatever case, gets a number.
+    """One name for each (text, fallback), in order.
 
     >>> unique([("a", "bus 0"), ("a", "bus 1"), ("", "bus 2")])
     ('a', 'a-2', 'bus 2')
     """
-    taken: set[str] = set()
-    next_number: dict[str, int] = {}
-    names = []
-    for text, fallback in labels:
-        base = clean(text, fallback)
-        name = base
-        number = next_number.get(base.lower(), 2)
-        while name.lower() in taken:
-            name = f"{base}-{number}"
-            number += 1
-        next_number[base.lower()] = number
-        taken.add(name.lower())
-        names.append(name)
-    return tuple(names)
+    names = Names()
+    return tuple(names.take(text, fallback) for text, fallback in labels)
 
 
 def comment(text: str, limit: int = 200) -> str:

@@ -11,7 +11,8 @@ All numbers are exact. `origins` name the elements of the foreign file that a pa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from fractions import Fraction
 
 Pair = tuple[Fraction, Fraction]  # active, reactive
@@ -128,7 +129,10 @@ class Note:
 
 @dataclass(frozen=True)
 class Network:
-    """What a format has been read into. `origin` says in a few words where it comes from, for the head of the spec."""
+    """What a format has been read into. `origin` says in a few words where it comes from, for the head of the spec.
+
+    `aliases`: what a bus may be called in options, to its name; names need not be in it.
+    """
 
     name: str
     origin: str
@@ -139,3 +143,4 @@ class Network:
     sources: tuple[Source, ...]
     unmapped: tuple[Unmapped, ...] = ()
     notes: tuple[Note, ...] = ()
+    aliases: Mapping[str, str] = field(default_factory=dict)

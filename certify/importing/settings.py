@@ -11,6 +11,18 @@ from certify.importing.network import Pair
 
 
 @dataclass(frozen=True)
+class Placement:
+    """Where DGUs are: at buses by name, and at all elements of some KINDS. `leave_out`: tables to do without."""
+
+    buses: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
+    leave_out: tuple[str, ...] = ()
+
+
+KINDS = ("generators", "storage", "static-generators", "ext-grid")
+
+
+@dataclass(frozen=True)
 class Settings:
     """Choices of one import. None and empty mean that nothing was stated, and nothing is assumed silently.
 

@@ -1,0 +1,179 @@
+"""Lines, transformers and impedances of pandapower as branches, as its power flow models them."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from certify.importing.network import Branch, Bus, Note, ZipRow
+from certify.importing.numbers import from_float, inductance, root
+from certify.importing.rows import Row, missing
+
+if TYPE_CHECKING:
+    from certify.importing.pandapower import _Reader
+
+ONE = Fraction(1)
+
+
+def line(net: _Reader, row: Row) -> Branch | None:
+    """A pi section. With an open switch at one end, or a bus out of service there, it stays connected at the other."""
+    switches = net.switches.get(("line", row.index), [])
+    kept = [row.label, *(s.label for s in switches if net.flag(s, "closed"))]
+    ends = []
+    for column in ("from_bus", "to_bus"):
+        node, index = net.bus(row, column), net.whole(row, column)
+        opened = [s.label for s in switches if not net.flag(s, "closed") and net.whole(s, "bus") == index]
+        ends.append((node, index, opened))
+    dead = [not node or bool(opened) for node, _, opened in ends]
+    if all(dead):
+        net.leave_out(row, "open at both ends, or its buses are out of service")
+        for switch in switches:
+            net.leave_out(switch, "its branch is left out")
+        return None
+    length = net.number(row, "length_km", "> 0") * 1000
+    parallel = net.number(row, "parallel", "> 0", ONE)
+    if parallel.denominator != 1:
+        net.fault("I003", row, "parallel", f"not a whole number of lines: {float(parallel):g}")
+    r = net.number(row, "r_ohm_per_km", ">= 0") / 1000
+    x = net.number(row, "x_ohm_per_km") / 1000
+    c = net.number(row, "c_nf_per_km", ">= 0", Fraction(0)) / 10**12
+    g = net.number(row, "g_us_per_km", default=Fraction(0)) / 10**9
+    if x <= 0 or r <= 0:
+        which = "x_ohm_per_km" if x <= 0 else "r_ohm_per_km"
+        net.fault("I020", row, which, f"must be positive, got {float(net.number(row, which)):g}: L and R of a line are")
+    volts = {net.volt[node] for node, _, _ in ends if node}
+    if len(volts) > 1:
+        net.fault("I003", row, "", "a line between buses of different nominal voltages")
+    names = [_open_end(net, row, *end) if off else end[0] for end, off in zip(ends, dead, strict=True)]
+    return Branch(
+        net.branch_names.take(net.text(row, "name"), f"line-{row.index}"),
+        names[0],
+        names[1],
+        r * length / parallel,
+        inductance(x, net.w0) * length / parallel,
+        c * length * parallel,
+        (g * length * parallel, Fraction(0)),
+        length,
+        net.text(row, "std_type") + (f" x{parallel}" if parallel != 1 else ""),
+        origins=tuple(kept),
+    )
+
+
+def _open_end(net: _Reader, row: Row, node: str, index: int | None, opened: list[str]) -> str:
+    """A node of its own for the end of a line that is not connected, with half the line's capacitance."""
+    name = net.bus_names.take(f"{net.text(row, 'name') or row.key} open", f"line-{row.index}-open")
+    other = net.whole(row, "to_bus" if net.whole(row, "from_bus") == index else "from_bus")
+    volt = net.volt.get(node or net.node.get(other, ""), ONE)
+    net.buses[name] = Bus(name, volt, tuple(opened))
+    net.volt[name] = volt
+    net.notes.append(Note(row.label, f"not connected at bus {index}: it ends at a node of its own"))
+    return name
+
+
+def transformer(net: _Reader, row: Row) -> Branch | None:
+    """An ideal ratio with tap and shift, and the short-circuit impedance as seen from the low-voltage side."""
+    switches = net.switches.get(("trafo", row.index), [])
+    high, low = net.bus(row, "hv_bus"), net.bus(row, "lv_bus")
+    opened = any(not net.flag(s, "closed") for s in switches)
+    if opened or not high or not low:
+        net.leave_out(row, "an open switch" if opened else "one of its buses is out of service")
+        for switch in switches:
+            net.leave_out(switch, "open, or its branch is left out")
+        return None
+    kilo = Fraction(1000)
+    shift = net.number(row, "shift_degree", default=Fraction(0))
+    volts = {side: net.number(row, f"vn_{side}_kv", "> 0") * kilo for side in ("hv", "lv")}
+    if net.flag(row, "tap_dependency_table", False):
+        net.fault("I006", row, "tap_dependency_table", "a tap changer given by a table of characteristics")
+    for tap in ("tap", "tap2"):
+        side = net.text(row, f"{tap}_side")
+        if side in volts:
+            volts[side], turn = _tapped(net, row, tap, volts[side])
+            shift += turn if side == "hv" else -turn
+    power = net.number(row, "sn_mva", "> 0") * 10**6
+    parallel = net.number(row, "parallel", "> 0", ONE)
+    base = volts["lv"] ** 2 / power
+    z = net.number(row, "vk_percent", "> 0") / 100 * base
+    r = net.number(row, "vkr_percent", ">= 0") / 100 * base
+    if not 0 < r < z:
+        text = (
+            f"must lie between 0 and vk_percent, {float(net.number(row, 'vk_percent')):g}: R and L of a branch are > 0"
+        )
+        net.fault("I020", row, "vkr_percent", text)
+        z, r = 2 * base, base
+    iron = net.number(row, "pfe_kw", ">= 0", Fraction(0)) * kilo
+    idle = net.number(row, "i0_percent", ">= 0", Fraction(0)) / 100 * power
+    magnetising = root(max(idle * idle - iron * iron, Fraction(0)))
+    return Branch(
+        net.branch_names.take(net.text(row, "name"), f"trafo-{row.index}"),
+        high,
+        low,
+        r / parallel,
+        inductance(root(z * z - r * r), net.w0) / parallel,
+        shunt_siemens=(iron * parallel / volts["lv"] ** 2, magnetising * parallel / volts["lv"] ** 2),
+        ratio=volts["hv"] / volts["lv"],
+        shift_degree=shift,
+        origins=(row.label, *(s.label for s in switches)),
+    )
+
+
+def _tapped(net: _Reader, row: Row, tap: str, volt: Fraction) -> tuple[Fraction, Fraction]:
+    """Rated voltage of a side with its tap changer, and by how many degrees it turns, as pandapower does it."""
+    if missing(row.values.get(f"{tap}_pos")) or missing(row.values.get(f"{tap}_neutral")):
+        return volt, Fraction(0)
+    steps = net.number(row, f"{tap}_pos") - net.number(row, f"{tap}_neutral")
+    percent = net.number(row, f"{tap}_step_percent", default=Fraction(0))
+    degree = net.number(row, f"{tap}_step_degree", default=Fraction(0))
+    kind = net.text(row, f"{tap}_changer_type")
+    if not steps:
+        return volt, Fraction(0)
+    if kind == "Ideal":
+        if degree and percent:
+            net.fault("I003", row, f"{tap}_step_degree", "both a step in degrees and one in percent")
+        sine = max(-1.0, min(1.0, float(steps * percent / 200)))
+        return volt, steps * degree if degree else from_float(math.degrees(2 * math.asin(sine)))
+    if kind not in ("Ratio", "Symmetrical"):
+        net.notes.append(Note(row.label, f"its {tap}_changer_type is not set, so its tap position has no effect"))
+        return volt, Fraction(0)
+    share = steps * percent / 100
+    if not degree:
+        modulus, turn = abs(1 + share), Fraction(0)
+    else:  # trigonometry in floats, to about 1e-16
+        along = 1 + float(share) * math.cos(math.radians(float(degree)))
+        across = float(share) * math.sin(math.radians(float(degree)))
+        modulus, turn = from_float(math.hypot(along, across)), from_float(math.degrees(math.atan(across / along)))
+    if not modulus:
+        net.fault("I003", row, f"{tap}_pos", "at this tap position no voltage is left")
+        modulus = ONE
+    return volt * modulus, turn
+
+
+def impedance(net: _Reader, row: Row) -> Branch | None:
+    """A series impedance in per unit of its own power, with a shunt at either end."""
+    start, end = net.bus(row, "from_bus"), net.bus(row, "to_bus")
+    if not start or not end:
+        net.leave_out(row, "one of its buses is out of service")
+        return None
+    power = net.number(row, "sn_mva", "> 0") * 10**6
+    r, x = net.number(row, "rft_pu"), net.number(row, "xft_pu")
+    if (r, x) != (net.number(row, "rtf_pu", default=r), net.number(row, "xtf_pu", default=x)):
+        net.fault(
+            "I006", row, "rtf_pu", "an impedance that depends on the direction is no branch of resistance and coil"
+        )
+    if r <= 0 or x <= 0:
+        net.fault("I020", row, "rft_pu" if r <= 0 else "xft_pu", "must be positive: R and L of a branch are")
+    base = net.volt[end] ** 2 / power
+    for node, side in ((start, "f"), (end, "t")):
+        g, b = (net.number(row, f"{part}{side}_pu", default=Fraction(0)) * power for part in "gb")
+        if g or b:
+            net.loads.append(ZipRow(node, net.volt[node], (g, -b), origins=(row.label,)))
+    return Branch(
+        net.branch_names.take(net.text(row, "name"), f"impedance-{row.index}"),
+        start,
+        end,
+        r * base,
+        inductance(x * base, net.w0),
+        ratio=net.volt[start] / net.volt[end],
+        origins=(row.label,),
+    )
