@@ -17,6 +17,7 @@ from certify.importing import Branch, Bus, ExpRow, Network, Settings, Source, Zi
 from certify.importing.inverters import PLACEHOLDERS
 from certify.importing.names import unique
 from certify.importing.numbers import decimal, from_float, inductance, quantity, root
+from certify.importing.referring import describe
 from certify.kernel.errors import SpecError
 from certify.kernel.quantity import parse_quantity
 from certify.kernel.reader import NAME
@@ -113,8 +114,8 @@ def test_a_transformer_is_referred_exactly() -> None:
     wire = next(x for x in draft.microgrid.lines if x.name == "t")
     assert (wire.branch.resistance_ohm, wire.branch.inductance_henry) == (F("0.01") * n**2, F("0.0001") * n**2)
     assert abs(grid["b"].capacitance_farad * n**2 / F("1e-9") - 1) < F(1, 10**33)
-    assert draft.referred
-    assert "V' = n V, n = 51.25, turned by 150 degrees" in draft.referred[0]
+    (told,) = describe(draft.levels)
+    assert "V' = n V, n = 51.25, turned by 150 degrees" in told
 
 
 def test_loops_of_transformers_must_agree() -> None:
@@ -129,13 +130,27 @@ def test_loops_of_transformers_must_agree() -> None:
 def test_what_no_dgu_feeds_is_left_out() -> None:
     given = network(
         {"a": 400, "b": 400, "c": 400, "d": 400},
-        (line("ab", "a", "b"), line("cd", "c", "d", origins=("line cd",)), line("aa", "a", "a", origins=("line aa",))),
+        (
+            line("ab", "a", "b"),
+            line("cd", "c", "d", origins=("line cd",)),
+            line("aa", "a", "a", "0", origins=("line aa",)),
+        ),
         loads=(load("b"), load("d")),
     )
     draft = to_spec(given, Settings())
     assert {u.element for u in draft.unmapped} == {"bus c", "bus d", "line cd", "line aa", "load at d"}
     assert set(draft.mapped) == {"bus a", "bus b", "load at b"}
     assert "#   bus c, bus d, line cd, load at d: no DGU is connected to it" in draft.spec.decode()
+
+
+def test_a_branch_that_ends_where_it_starts_keeps_its_capacitance() -> None:
+    loop = line("aa", "b", "b", "3e-9", shunt_siemens=(F("1e-5"), F(0)), origins=("line aa",))
+    node = to_spec(replace(PLAIN, branches=(*PLAIN.branches, loop)), Settings()).microgrid.nodes[1]
+    assert node.capacitance_farad == F("3e-9")
+    assert isinstance(node.loads[1], ZipLoad)
+    assert (F("1e-5"), 0) == node.loads[1].Y
+    twisted = trafo("t", "b", "b", 1)
+    assert faults(replace(PLAIN, branches=(*PLAIN.branches, twisted))) == {("I023", "t")}
 
 
 def test_dead_ends_are_left_out_and_junctions_joined() -> None:

@@ -28,7 +28,8 @@ MOST_LISTED = 20  # elements named in one line of a comment
 class Draft:
     """A spec that decodes, and how it came about. `mapped`: elements of the foreign network that are in it.
 
-    `counts`: what the spec has, by kind; `constant_power`: load rows with a part that no voltage changes.
+    `levels`: the voltage levels that there were, and how they are referred. `counts`: what the spec has, by kind;
+    `constant_power`: load rows with a part that no voltage changes.
     """
 
     spec: bytes
@@ -36,7 +37,7 @@ class Draft:
     mapped: tuple[str, ...]
     unmapped: tuple[Unmapped, ...]
     notes: tuple[Note, ...]
-    referred: tuple[str, ...]
+    levels: tuple[Level, ...]
     counts: dict[str, int]
     constant_power: int
 
@@ -79,7 +80,7 @@ def to_spec(network: Network, settings: Settings) -> Draft:
     constant = sum(_has_constant_power(load) for load in referred.loads)
     notes = tuple(dict.fromkeys(referred.notes))
     # What is written is read again by the rules of every spec: an import never leaves a file that `prove` refuses.
-    return Draft(spec, decode(spec), mapped, referred.unmapped, notes, tuple(describe(levels)), counts, constant)
+    return Draft(spec, decode(spec), mapped, referred.unmapped, notes, levels, counts, constant)
 
 
 def _has_constant_power(load: ZipRow | ExpRow) -> bool:
@@ -313,8 +314,9 @@ def _branches(
 
 
 def _origin(origins: tuple[str, ...], name: str) -> str:
-    """A comment that names what a part was in the source, unless its name says so already."""
-    return f"  # {listed(origins)}" if origins and origins != (name,) else ""
+    """A comment that names what a part was in the source, without repeating its name."""
+    shown = [origin.removesuffix(f" ({name})") for origin in origins]
+    return f"  # {listed(shown)}" if shown and shown != [name] else ""
 
 
 def _table(table: dict[str, Any]) -> Iterator[str]:

@@ -19,7 +19,7 @@ from certify.kernel.quantity import shorten
 
 MAX_BYTES = 512 << 20
 NETWORK = ("pandapower.auxiliary", "pandapowerNet")
-TABLES = {("pandas.core.frame", "DataFrame"), ("pandas", "DataFrame")}
+TABLES = (("pandas.core.frame", "DataFrame"), ("pandas", "DataFrame"))
 # What pandapower writes by itself; it may be there, and only tables of it are read.
 _MODULES = re.compile(r"(pandapower|pandas|numpy|networkx|shapely|geopandas)(\.[\w.]+)?", re.ASCII)
 _BUILTINS = {"tuple", "set", "frozenset", "complex"}
@@ -62,9 +62,9 @@ def clean_document(document: Any) -> dict[str, Any]:
     faults = [Fault("I002", path, f"names {shorten(what)}") for path, what in _foreign(content)]
     result = {key: content[key] for key in _PLAIN if isinstance(content.get(key), str | int | float)}
     for key, value in content.items():
-        if key.startswith(("_", "res_")) or not isinstance(value, dict):
+        if key.startswith(("_", "res_")) or "|" in key or not isinstance(value, dict):
             continue
-        if (value.get("_module"), value.get("_class")) in TABLES and "|" not in key:
+        if any(value.get("_module") == module and value.get("_class") == name for module, name in TABLES):
             try:
                 result[key] = _table(value)
             except (ValueError, RecursionError) as error:

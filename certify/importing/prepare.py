@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
 
-from certify.importing.network import NONE, Branch, Network, Note, Unmapped
+from certify.importing.network import NONE, Branch, Network, Note, Unmapped, ZipRow
 from certify.importing.numbers import quantity
 from certify.importing.settings import Settings
 from certify.kernel.errors import Fault, SpecError
@@ -15,7 +15,7 @@ from certify.kernel.errors import Fault, SpecError
 def prepare(network: Network, settings: Settings) -> Network:
     """The parts that a DGU feeds, with the capacitances that were stated. Raises: SpecError I020, I021, I022."""
     check(network)
-    network = energised(network)
+    network = without_loops(energised(network))
     network = with_capacitances(network, settings)
     return network if settings.bus_capacitance else without_dead_ends(network)
 
@@ -60,18 +60,41 @@ def energised(network: Network) -> Network:
             if other not in reached:
                 reached.add(other)
                 waiting.append(other)
-    loops = [branch.origins for branch in network.branches if branch.start == branch.end]
     lost = [
         *(bus.origins for bus in network.buses if bus.name not in reached),
-        *(branch.origins for branch in network.branches if branch.start not in reached and branch.start != branch.end),
+        *(branch.origins for branch in network.branches if branch.start not in reached),
         *(load.origins for load in network.loads if load.bus not in reached),
     ]
     return replace(
         network,
         buses=tuple(bus for bus in network.buses if bus.name in reached),
-        branches=tuple(branch for branch in network.branches if branch.start in reached and branch.start != branch.end),
+        branches=tuple(branch for branch in network.branches if branch.start in reached),
         loads=tuple(load for load in network.loads if load.bus in reached),
-        unmapped=(*network.unmapped, *_all(loops, "both ends at one bus"), *_all(lost, "no DGU is connected to it")),
+        unmapped=(*network.unmapped, *_all(lost, "no DGU is connected to it")),
+    )
+
+
+def without_loops(network: Network) -> Network:
+    """Branches with both ends at one bus carry nothing: their capacitances stay, at the bus, and what they draw."""
+    loops = [b for b in network.branches if b.start == b.end and b.ratio == 1 and not b.shift_degree % 360]
+    buses = {bus.name: bus for bus in network.buses}
+    loads, unmapped = list(network.loads), list(network.unmapped)
+    for loop in loops:
+        bus = buses[loop.start]
+        if loop.capacitance_farad:
+            more = bus.capacitance_farad + loop.capacitance_farad
+            bus = buses[bus.name] = replace(bus, capacitance_farad=more, origins=(*bus.origins, *loop.origins))
+        if loop.shunt_siemens != NONE:
+            g, b = (part * bus.nominal_volt**2 for part in loop.shunt_siemens)
+            loads.append(ZipRow(bus.name, bus.nominal_volt, (g, b), origins=loop.origins))
+        if not loop.capacitance_farad and loop.shunt_siemens == NONE:
+            unmapped += _all([loop.origins], "both ends at one bus")
+    return replace(
+        network,
+        buses=tuple(buses.values()),
+        branches=tuple(branch for branch in network.branches if branch not in loops),
+        loads=tuple(loads),
+        unmapped=tuple(unmapped),
     )
 
 
@@ -205,23 +228,28 @@ def joined(network: Network) -> Network:
 def require_capacitances(network: Network) -> None:
     """Every bus has a voltage that is a state. Raises: SpecError I022 with the branches that have no capacitance."""
     held = capacitive(network)
-    faults = []
+    found: dict[str, list[str]] = {"--line-capacitance": [], "--bus-capacitance": []}
+    beside: dict[str, list[str]] = {option: [] for option in found}
     for bus in network.buses:
-        if bus.name in held:
-            continue
-        at = [branch for branch in network.branches if bus.name in (branch.start, branch.end)]
-        listed = ", ".join(_element(branch.origins, branch.name) for branch in at[:6]) + (", ..." if at[6:] else "")
-        lines = any(branch.length_metre is not None for branch in at)
-        faults.append(
-            Fault(
-                "I022",
-                _element(bus.origins, bus.name),
-                f"no capacitance at this bus: none of {listed} has any; state one with "
-                + ("--line-capacitance" if lines else "--bus-capacitance"),
-            )
-        )
+        if bus.name not in held:
+            at = [branch for branch in network.branches if bus.name in (branch.start, branch.end)]
+            lines = [branch for branch in at if branch.length_metre is not None]
+            option = "--line-capacitance" if lines else "--bus-capacitance"
+            found[option].append(_element(bus.origins, bus.name))
+            beside[option] += [_element(branch.origins, branch.name) for branch in lines or at]
+    faults = [
+        Fault("I022", _some(names), f"no capacitance here: none of {_some(beside[option])} has any; state it: {option}")
+        for option, names in found.items()
+        if names
+    ]
     if faults:
         raise SpecError(tuple(faults))
+
+
+def _some(names: Iterable[str]) -> str:
+    """The first names of many."""
+    once = list(dict.fromkeys(names))
+    return ", ".join(once[:6]) + (f" and {len(once) - 6} more" if once[6:] else "")
 
 
 def _all(origins: Iterable[tuple[str, ...]], reason: str) -> list[Unmapped]:

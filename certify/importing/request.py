@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 from certify.importing.settings import KINDS, Placement, Settings
-from certify.inputs import read
+from certify.inputs import decode_all, read
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import QuantityError, parse_quantity, shorten
 from certify.kernel.reader import read_document
@@ -93,9 +93,11 @@ class _Request:
         if path is None:
             return {}, {}
         try:
-            document = read_document(read(path))
+            data = read(path)
+            decode_all(data)  # faults of that spec are told as such, not as those of what is made of it
+            document = read_document(data)
         except SpecError as error:
-            self.faults += [Fault(f.code, f"--filter-from {path}", f.message) for f in error.faults]
+            self.faults += [Fault(f.code, f"--filter-from {path}: {f.path}", f.message) for f in error.faults]
             return {}, {}
         tables = [document.get(kind) if isinstance(document, dict) else None for kind in ("filter", "controller")]
         for kind, table in zip(("filter", "controller"), tables, strict=True):

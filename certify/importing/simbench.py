@@ -29,7 +29,7 @@ def load_grid(code: str) -> Any:
         try:
             import simbench
         except ImportError as error:
-            text = f"simbench is not there ({error}): pip install simbench (380 MB installed, most of it data)"
+            text = f"simbench is not there ({error}): pip install 'certify-eip[simbench]' (380 MB, most of it data)"
             raise SpecError((Fault("I008", "", text),)) from None
         if code not in simbench.collect_all_simbench_codes():
             raise SpecError((Fault("I010", "", f"{shorten(code)} is neither a file nor the code of a SimBench grid"),))

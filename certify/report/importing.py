@@ -78,6 +78,8 @@ def _check_target(options: argparse.Namespace) -> None:
 
 def to_dict(draft: Any, options: argparse.Namespace) -> dict[str, Any]:
     """As JSON: every element that was left out, one by one."""
+    from certify.importing.referring import describe
+
     return {
         "source": options.file,
         "format": options.format,
@@ -86,7 +88,7 @@ def to_dict(draft: Any, options: argparse.Namespace) -> dict[str, Any]:
         "mapped": list(draft.mapped),
         "left_out": [{"element": u.element, "reason": u.reason} for u in draft.unmapped],
         "notes": [{"element": n.element, "text": n.text} for n in draft.notes],
-        "referred": list(draft.referred),
+        "referred": describe(draft.levels),
         "constant_power_rows": draft.constant_power,
         "exit_code": 0,
     }
@@ -105,10 +107,11 @@ def tables(elements: Iterable[str]) -> str:
 def render(draft: Any, options: argparse.Namespace) -> list[str]:
     """As text for a terminal."""
     from certify.importing.draft import grouped, listed
+    from certify.importing.referring import describe
 
     counts = ", ".join(f"{kind}: {count}" for kind, count in draft.counts.items())
     lines = [f"IMPORTED: {options.file}", "", f"  {counts}", f"  mapped: {tables(draft.mapped)}"]
-    lines += [f"  referred: {line}" for line in draft.referred]
+    lines += [f"  referred: {line}" for line in describe(draft.levels)]
     for head, pairs in (
         ("left out", [(u.element, u.reason) for u in draft.unmapped]),
         ("note", [(n.element, n.text) for n in draft.notes]),
