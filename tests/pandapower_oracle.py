@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import cmath
 import json
+import math
 import warnings
 from collections import defaultdict
+from copy import deepcopy
 from fractions import Fraction
 from typing import Any
 
@@ -108,28 +111,37 @@ def equilibrium(draft: Draft) -> dict[str, complex]:
     return {name: complex(x["d"], x["q"]) / nominal[name] for name, x in parts.items()}
 
 
-def worst_voltage(net: Any, network: Network, draft: Draft, **options: Any) -> float:
-    """Largest difference in pu, as a phasor, between the proved equilibrium and pandapower's power flow."""
-    pp = import_pandapower()
-    quiet(
-        lambda: pp.runpp(
-            net,
-            voltage_depend_loads=True,
-            trafo_model="pi",
-            calculate_voltage_angles=True,
-            tolerance_mva=1e-10,
-            max_iteration=50,
-            numba=False,
-            **options,
-        )
-    )
-    import cmath
-    import math
+def flow(net: Any, by_row: bool) -> Any:
+    """Voltages of pandapower's power flow: all branches as pi sections, loads that depend on the voltage.
 
+    pandapower gives the mean shares of a bus to all that is connected there. With `by_row` each row has its own instead:
+    power flows with constant powers, each with those of its rows at the voltages of the one before, until nothing changes.
+    """
+    pp = import_pandapower()
+    options = {"trafo_model": "pi", "calculate_voltage_angles": True, "tolerance_mva": 1e-10, "max_iteration": 50}
+    if not by_row:
+        quiet(lambda: pp.runpp(net, voltage_depend_loads=True, numba=False, **options))
+        return net.res_bus
+    net, table = deepcopy(net), net.load
+    for _ in range(60):
+        if "vm_pu" in net.res_bus and len(net.res_bus):
+            v = net.res_bus.vm_pu.reindex(table.bus).fillna(1.0).to_numpy()
+            for column, kind in (("p_mw", "p"), ("q_mvar", "q")):
+                z, i = (table[f"const_{part}_{kind}_percent"].to_numpy() / 100 for part in "zi")
+                net.load[column] = table[column].to_numpy() * (z * v**2 + i * v + 1 - z - i)
+        before = net.res_bus.vm_pu.to_numpy() if len(net.res_bus) else None
+        quiet(lambda: pp.runpp(net, voltage_depend_loads=False, numba=False, **options))
+        if before is not None and abs(net.res_bus.vm_pu.fillna(0) - before).fillna(0).max() < 1e-13:
+            break
+    return net.res_bus
+
+
+def worst_voltage(net: Any, network: Network, draft: Draft, by_row: bool = False) -> float:
+    """Largest difference in pu, as a phasor, between the proved equilibrium and pandapower's power flow."""
     turned = {name: float(level.angle_degree) for level in draft.levels for name in level.buses}
     ours = equilibrium(draft)
     worst, offset = 0.0, None
-    for index, row in net.res_bus.iterrows():
+    for index, row in flow(net, by_row).iterrows():
         name = network.aliases.get(str(index))
         if name not in ours or row.vm_pu != row.vm_pu:
             continue
