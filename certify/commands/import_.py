@@ -54,7 +54,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--line-capacitance", metavar="C", help='of lines for which the source says none, such as "10 nF/km"'
     )
     parser.add_argument(
-        "--bus-capacitance", metavar="C", help='of buses that are left without any, such as "1 nF" behind transformers'
+        "--bus-capacitance",
+        metavar="C",
+        help='of buses that are left without any, such as "1 nF" behind transformers; dead ends are then kept',
     )
     parser.add_argument("--frequency", metavar="F", help='of the spec (default: that of the source), such as "60 Hz"')
 

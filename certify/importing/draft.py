@@ -55,6 +55,9 @@ def to_spec(network: Network, settings: Settings) -> Draft:
     >>> draft.microgrid.nodes[1].loads[0].Y
     (Fraction(3, 160), Fraction(1, 160))
     """
+    if settings.frequency not in (None, network.frequency_hertz):
+        text = f"reactances are those at {decimal(network.frequency_hertz)} Hz: inductances keep their values"
+        network = replace(network, notes=(*network.notes, Note("", f"another frequency than in the source; {text}")))
     prepared = prepare(network, settings)
     referred, levels, base = refer(prepared)
     referred = joined(referred)

@@ -6,7 +6,10 @@ import math
 from fractions import Fraction
 
 DIGITS = 34  # significant decimal digits of what is no finite decimal
-_PREFIXES = ((9, "G"), (6, "M"), (3, "k"), (0, ""), (-3, "m"), (-6, "u"), (-9, "n"), (-12, "p"))
+_PREFIXES = tuple(
+    (Fraction(10) ** exponent, prefix)
+    for exponent, prefix in ((9, "G"), (6, "M"), (3, "k"), (0, ""), (-3, "m"), (-6, "u"), (-9, "n"), (-12, "p"))
+)
 
 
 def from_float(value: float) -> Fraction:
@@ -74,9 +77,9 @@ def quantity(value: Fraction, unit: str) -> str:
     if unit.endswith("/km"):
         value *= 1000
     size = abs(value)
-    for exponent, prefix in _PREFIXES:
-        if size >= Fraction(10) ** exponent:
-            return f"{decimal(value / Fraction(10) ** exponent)} {prefix}{unit}"
+    for factor, prefix in _PREFIXES:
+        if size >= factor:
+            return f"{decimal(value / factor)} {prefix}{unit}"
     return f"0 {unit}" if not size else f"{decimal(value * 10**15)} f{unit}"
 
 

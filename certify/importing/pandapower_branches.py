@@ -41,7 +41,9 @@ def line(net: _Reader, row: Row) -> Branch | None:
     g = net.number(row, "g_us_per_km", default=Fraction(0)) / 10**9
     if x <= 0 or r <= 0:
         which = "x_ohm_per_km" if x <= 0 else "r_ohm_per_km"
-        net.fault("I020", row, which, f"must be positive, got {float(net.number(row, which)):g}: L and R of a line are")
+        net.fault(
+            "I020", row, which, f"must be positive, as R and L of a line are; got {float(net.number(row, which)):g}"
+        )
     volts = {net.volt[node] for node, _, _ in ends if node}
     if len(volts) > 1:
         net.fault("I003", row, "", "a line between buses of different nominal voltages")
@@ -97,13 +99,12 @@ def transformer(net: _Reader, row: Row) -> Branch | None:
     z = net.number(row, "vk_percent", "> 0") / 100 * base
     r = net.number(row, "vkr_percent", ">= 0") / 100 * base
     if not 0 < r < z:
-        text = (
-            f"must lie between 0 and vk_percent, {float(net.number(row, 'vk_percent')):g}: R and L of a branch are > 0"
-        )
+        values = [float(net.number(row, column)) for column in ("vkr_percent", "vk_percent")]
+        text = f"{values[0]:g} is not between 0 and vk_percent, {values[1]:g}: R and L of a branch are positive"
         net.fault("I020", row, "vkr_percent", text)
         z, r = 2 * base, base
     iron = net.number(row, "pfe_kw", ">= 0", Fraction(0)) * kilo
-    idle = net.number(row, "i0_percent", ">= 0", Fraction(0)) / 100 * power
+    idle = net.number(row, "i0_percent", default=Fraction(0)) / 100 * power
     magnetising = root(max(idle * idle - iron * iron, Fraction(0)))
     return Branch(
         net.branch_names.take(net.text(row, "name"), f"trafo-{row.index}"),

@@ -230,9 +230,13 @@ def require_capacitances(network: Network) -> None:
     held = capacitive(network)
     found: dict[str, list[str]] = {"--line-capacitance": [], "--bus-capacitance": []}
     beside: dict[str, list[str]] = {option: [] for option in found}
+    at_bus: dict[str, list[Branch]] = defaultdict(list)
+    for branch in network.branches:
+        at_bus[branch.start].append(branch)
+        at_bus[branch.end].append(branch)
     for bus in network.buses:
         if bus.name not in held:
-            at = [branch for branch in network.branches if bus.name in (branch.start, branch.end)]
+            at = at_bus[bus.name]
             lines = [branch for branch in at if branch.length_metre is not None]
             option = "--line-capacitance" if lines else "--bus-capacitance"
             found[option].append(_element(bus.origins, bus.name))

@@ -76,22 +76,24 @@ class Reading:
             self.fault("I003", row, column, f"not a finite number: {shorten(str(value))}")
             return harmless
         if number and not SMALLEST <= abs(number) <= LARGEST:
-            self.fault("I003", row, column, f"an absurd number: {float(value):g}")
+            self.fault("I003", row, column, f"an absurd number: {shorten(str(value))}")
             return harmless
         if (sign == "> 0" and number <= 0) or (sign == ">= 0" and number < 0):
             self.fault("I003", row, column, f"must be {'positive' if sign == '> 0' else 'zero or more'}, got {value}")
             return harmless
         return number
 
-    def flag(self, row: Row, column: str, default: bool = True) -> bool:
-        """A truth value, of pandas too."""
+    def flag(self, row: Row, column: str, default: bool | None = None) -> bool:
+        """A truth value, of pandas too. Without a default a cell may not be empty."""
         value: Any = row.values.get(column)
         if missing(value):
-            return default
+            if default is None:
+                self.fault("I003", row, column, "neither true nor false: the cell is empty")
+            return bool(default)
         if type(value).__name__ in ("bool", "bool_", "int", "int64", "float", "float64") and value in (0, 1):
             return bool(value)
         self.fault("I003", row, column, f"neither true nor false: {shorten(str(value))}")
-        return default
+        return bool(default)
 
     def text(self, row: Row, column: str) -> str:
         """Text, empty if there is none."""
