@@ -581,6 +581,20 @@ _ALL = (
         '--reference "1.02 pu" for all DGUs, --reference BUS=1.02pu for one',
     ),
     Diagnostic(
+        "pandapower",
+        "how networks of pandapower become specs",
+        "line: a pi section, with half its conductance as a load at either end; open at one end it ends at a node of "
+        "its own. trafo: ideal ratio with taps and shift, taken out by referring all to one side, then resistance and "
+        "inductance, with half of what it draws without load at either end. impedance: the same with its own shunts. "
+        "load: for each row Y, I and P from its percentages. sgen, storage, motor: constant power. shunt: constant "
+        "impedance. ward: both. asymmetric_load, asymmetric_sgen: refused unless the phases are equal. switch: closed "
+        "between buses it joins them, or is a branch with R/X = 2 if it has z_ohm. gen, sgen, storage, ext_grid: a DGU "
+        "where you place one; an ext_grid or xward without a DGU is left out, a gen is refused. trafo3w, dcline, svc, "
+        "ssc, tcsc, vsc: refused unless --leave-out names them. What is out of service, open, or fed by no DGU is left "
+        "out, and so are dead ends without capacitance. Numbers are the shortest decimals of the file's.",
+        "`certify import pandapower FILE --dgu BUS` without -o tells what would become of it, and writes nothing",
+    ),
+    Diagnostic(
         "results",
         "the results of `certify loads`",
         "verdict and rule; from_V and to_V, the band; critical_V and critical_pu, the voltage from which on the load "

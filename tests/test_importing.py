@@ -240,6 +240,19 @@ def test_filters_and_controllers_of_another_spec() -> None:
     assert faults(far, replace(taken, controller="pi", bus_capacitance=F("1e-9"))) == {("I024", "gen 1")}
 
 
+def test_another_frequency_keeps_inductances_and_says_so() -> None:
+    draft = to_spec(PLAIN, Settings(frequency=F(60)))
+    assert draft.microgrid.w0 == angular_frequency(F(60))
+    assert draft.microgrid.lines[0].branch.inductance_henry == F("0.0003")
+    assert [note.element for note in draft.notes] == [""]
+    assert "another frequency" in draft.spec.decode()
+
+
+def test_imports_know_nothing_of_reports_and_commands() -> None:
+    for path in (ROOT / "certify" / "importing").rglob("*.py"):
+        assert not re.search(r"certify\.(report|commands|cli|search|simulator)\b", path.read_text()), path
+
+
 def test_exponential_rows_bands_and_cut_offs() -> None:
     rows = (
         ExpRow("b", F(400), F(1000), F("1.5"), F(-100), F(2), band_pu=(F("0.8"), F("1.2")), impedance_below=True),

@@ -19,20 +19,18 @@ from certify.importing.pandapower_loads import (
     asymmetric_sgen,
     load,
     motor,
-    rating,
     sgen,
     shunt,
     storage,
     ward,
 )
+from certify.importing.pandapower_sources import SOURCES, read_sources
 from certify.importing.rows import Reading, Row
 from certify.importing.settings import Placement
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import shorten
 from certify.kernel.spec import angular_frequency
 
-# What may become a DGU, by the words of --dgus-at.
-SOURCES = {"generators": "gen", "storage": "storage", "static-generators": "sgen", "ext-grid": "ext_grid"}
 ROWS = {
     "load": load,
     "sgen": sgen,
@@ -110,13 +108,13 @@ class _Reader(Reading):
     def network(self, origin: str) -> Network:
         self.ask_what_to_leave_out()
         self.read_buses()
-        sources = self.read_sources()
+        sources = read_sources(self)
         for table, rows in self.tables.items():
             if table not in ("bus", "switch"):
                 for row in rows:
                     self.read(row, sources)
         if self.faults:
-            raise SpecError(tuple(self.faults))
+            raise SpecError(tuple(dict.fromkeys(self.faults)))
         if any(branch.shunt_siemens != NONE and branch.length_metre is None for branch in self.branches):
             text = (
                 "transformers as pi sections: half of what one draws without load at either side, as trafo_model='pi'"
@@ -274,67 +272,3 @@ class _Reader(Reading):
             if row.index in self.node:
                 result.setdefault(self.text(row, "name"), self.node[row.index])
         return result | {str(index): node for index, node in self.node.items()}
-
-    # DGUs
-
-    def read_sources(self) -> dict[str, Source]:
-        """A DGU at each place that was asked for; rows of sources at its bus are that DGU."""
-        rows = [
-            row
-            for table in SOURCES.values()
-            if table not in self.placement.leave_out
-            for row in self.tables.get(table, ())
-            if self.flag(row, "in_service") and self.whole(row, "bus") in self.node
-        ]
-        at: dict[str, list[Row]] = defaultdict(list)
-        for row in rows:
-            at[self.node[self.whole(row, "bus")]].append(row)
-        places = self.named_places()
-        for kind in self.placement.kinds:
-            found = [self.node[self.whole(row, "bus")] for row in rows if row.table == SOURCES[kind]]
-            if not found:
-                self.faults.append(Fault("I007", "--dgus-at", f"no {kind} in service; {self.choices(at)}"))
-            places += found
-        if not self.placement.kinds and not self.placement.buses:
-            self.faults.append(Fault("I007", "", f"say with --dgu or --dgus-at where they are; {self.choices(at)}"))
-        return {node: self.source(node, at[node]) for node in dict.fromkeys(places)}
-
-    def named_places(self) -> list[str]:
-        places = []
-        for text in self.placement.buses:
-            index = int(text) if text.isascii() and text.isdecimal() else None
-            named = [row.index for row in self.tables.get("bus", ()) if self.text(row, "name") == text]
-            if index in self.node:
-                places.append(self.node[index])
-            elif index is None and len(named) == 1 and named[0] in self.node:
-                places.append(self.node[named[0]])
-            else:
-                reason = "is out of service" if {index, *named} & self.out_of_service else "is not there"
-                reason = "names several buses; give its index" if len(named) > 1 else reason
-                self.faults.append(Fault("I007", "--dgu", f"bus {shorten(text)} {reason}"))
-        return places
-
-    def choices(self, at: dict[str, list[Row]]) -> str:
-        """What the network has that may be a DGU."""
-        counts = []
-        for kind, table in SOURCES.items():
-            buses = sorted({self.whole(row, "bus") or 0 for rows in at.values() for row in rows if row.table == table})
-            if buses:
-                shown = ", ".join(map(str, buses[:8])) + (", .." if buses[8:] else "")
-                counts.append(f"{kind} at buses {shown}")
-        return f"the network has {'; '.join(counts)}" if counts else "the network has no sources; name buses with --dgu"
-
-    def source(self, node: str, rows: list[Row]) -> Source:
-        rated = [rating(self, row) for row in rows]
-        volts = {self.number(row, "vm_pu", "> 0"): row for row in rows if row.table in ("gen", "ext_grid")}
-        if len(volts) > 1:
-            row = list(volts.values())[-1]
-            self.fault("I025", row, "vm_pu", "another voltage than that of another source at this bus")
-        angles = [self.number(row, "va_degree", default=Fraction(0)) for row in rows if row.table == "ext_grid"]
-        return Source(
-            node,
-            sum((x for x in rated if x), Fraction(0)) or None,
-            next(iter(volts), Fraction(1)),
-            angles[0] if angles else None,
-            tuple(row.label for row in rows),
-        )

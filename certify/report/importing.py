@@ -106,8 +106,8 @@ def tables(elements: Iterable[str]) -> str:
 
 def render(draft: Any, options: argparse.Namespace) -> list[str]:
     """As text for a terminal."""
-    from certify.importing.draft import grouped, listed
     from certify.importing.referring import describe
+    from certify.importing.text import grouped, listed
 
     counts = ", ".join(f"{kind}: {count}" for kind, count in draft.counts.items())
     lines = [f"IMPORTED: {options.file}", "", f"  {counts}", f"  mapped: {tables(draft.mapped)}"]
