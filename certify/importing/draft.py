@@ -55,6 +55,8 @@ def to_spec(network: Network, settings: Settings) -> Draft:
     referred, levels, base = refer(prepared)
     referred = joined(referred)
     require_capacitances(referred)
+    absent = {u.element for u in referred.unmapped}
+    referred = replace(referred, notes=tuple(n for n in dict.fromkeys(referred.notes) if n.element not in absent))
     off_level = frozenset(name for level in levels if level.factor != 1 for name in level.buses)
     referred = replace(referred, sources=_with_references(referred, settings))
     inverters = equip(referred, settings, off_level)
@@ -74,9 +76,8 @@ def to_spec(network: Network, settings: Settings) -> Draft:
         "load rows": len(referred.loads),
     }
     constant = sum(_has_constant_power(load) for load in referred.loads)
-    notes = tuple(dict.fromkeys(referred.notes))
     # What is written is read again by the rules of every spec: an import never leaves a file that `prove` refuses.
-    return Draft(spec, decode(spec), mapped, referred.unmapped, notes, levels, counts, constant)
+    return Draft(spec, decode(spec), mapped, referred.unmapped, referred.notes, levels, counts, constant)
 
 
 def _has_constant_power(load: ZipRow | ExpRow) -> bool:

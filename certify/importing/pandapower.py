@@ -11,7 +11,7 @@ from fractions import Fraction
 from typing import Any
 
 from certify.importing.names import Names
-from certify.importing.network import NONE, Branch, Bus, ExpRow, Network, Note, Source, ZipRow
+from certify.importing.network import NONE, Branch, Bus, ExpRow, Network, Source, ZipRow
 from certify.importing.numbers import inductance, root
 from certify.importing.pandapower_branches import impedance, line, transformer
 from certify.importing.pandapower_loads import (
@@ -115,11 +115,6 @@ class _Reader(Reading):
                     self.read(row, sources)
         if self.faults:
             raise SpecError(tuple(dict.fromkeys(self.faults)))
-        if any(branch.shunt_siemens != NONE and branch.length_metre is None for branch in self.branches):
-            text = (
-                "transformers as pi sections: half of what one draws without load at either side, as trafo_model='pi'"
-            )
-            self.notes.append(Note("", text))
         return Network(
             self.net_name,
             origin,

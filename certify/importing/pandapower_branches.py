@@ -106,6 +106,9 @@ def transformer(net: _Reader, row: Row) -> Branch | None:
     iron = net.number(row, "pfe_kw", ">= 0", Fraction(0)) * kilo
     idle = net.number(row, "i0_percent", default=Fraction(0)) / 100 * power
     magnetising = root(max(idle * idle - iron * iron, Fraction(0)))
+    if iron or magnetising:
+        text = "a pi section: half of what it draws without load at either side, as trafo_model='pi' of pandapower"
+        net.notes.append(Note(row.label, text))
     return Branch(
         net.branch_names.take(net.text(row, "name"), f"trafo-{row.index}"),
         high,
