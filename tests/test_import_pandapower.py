@@ -325,6 +325,16 @@ def test_rows_that_are_refused(nets: dict[str, Any], change: Change, expected: s
     assert {(fault.code, fault.path) for fault in caught.value.faults} == expected
 
 
+def test_of_very_many_faults_the_first_are_told(nets: dict[str, Any]) -> None:
+    net = deepcopy(nets["1-LV-semiurb4--0-sw"])
+    net.line["length_km"] = -1.0
+    net.load["p_mw"] = float("nan")
+    with pytest.raises(SpecError) as caught:
+        imported(net, GRID)
+    assert len(caught.value.faults) == 50
+    assert caught.value.faults[-1].message.endswith("; and 33 more faults of this network")
+
+
 def test_all_faults_come_at_once_and_tables_can_be_left_out(nets: dict[str, Any]) -> None:
     net = deepcopy(nets["cigre"])
     for change in (add("gen", 3, 1.0), add("asymmetric_load", 3, 0.1, 0.2, 0.1), set_cell("line", "length_km", 0.0)):

@@ -25,7 +25,7 @@ from certify.importing.pandapower_loads import (
     ward,
 )
 from certify.importing.pandapower_sources import SOURCES, read_sources
-from certify.importing.rows import Reading, Row
+from certify.importing.rows import Reading, Row, first_of
 from certify.importing.settings import Placement
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import shorten
@@ -114,7 +114,7 @@ class _Reader(Reading):
                 for row in rows:
                     self.read(row, sources)
         if self.faults:
-            raise SpecError(tuple(dict.fromkeys(self.faults)))
+            raise SpecError(first_of(self.faults))
         return Network(
             self.net_name,
             origin,

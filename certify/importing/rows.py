@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
@@ -23,6 +23,19 @@ def missing(value: Any) -> bool:
     return (
         value is None or type(value).__name__ in ("NAType", "NaTType") or (isinstance(value, float) and value != value)
     )
+
+
+MOST_FAULTS = 50  # told at once
+
+
+def first_of(faults: Iterable[Fault]) -> tuple[Fault, ...]:
+    """Each fault once, and of very many the first, the last of which says how many more there are."""
+    once = tuple(dict.fromkeys(faults))
+    if len(once) <= MOST_FAULTS:
+        return once
+    last = once[MOST_FAULTS - 1]
+    more = f"{last.message}; and {len(once) - MOST_FAULTS} more faults of this network"
+    return (*once[: MOST_FAULTS - 1], replace(last, message=more))
 
 
 @dataclass(frozen=True)

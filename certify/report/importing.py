@@ -45,9 +45,9 @@ def run(options: argparse.Namespace) -> int:
     from certify.importing.draft import to_spec
     from certify.importing.request import to_settings
 
+    options.spec = options.file  # faults are told under the name of what is read
     _check_target(options)
     settings, placement = to_settings(options)
-    options.spec = options.file  # faults are told under the name of what is read
     draft = to_spec(FORMATS[options.format].read(options.file, placement), settings)
     if options.output is not None:
         from certify.certificate import write_atomically
