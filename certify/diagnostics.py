@@ -581,6 +581,106 @@ _ALL = (
         '--reference "1.02 pu" for all DGUs, --reference BUS=1.02pu for one',
     ),
     Diagnostic(
+        "I040",
+        "the OpenDSS engine is not installed",
+        "Scripts of OpenDSS are understood by the engine of OpenDSS itself, which is an extra of this package.",
+        "pip install 'certify-eip[opendss]'",
+    ),
+    Diagnostic(
+        "I041",
+        "a script that cannot be read",
+        "An OpenDSS script is a text: a plain file of at most 16 MiB, and 500,000 lines with all that it calls for.",
+        "name the master file of the circuit, the one with `New Circuit`",
+    ),
+    Diagnostic(
+        "I042",
+        "a file that a script calls for",
+        "Redirect, Compile and tables of numbers name files relative to the script; backslashes and the case of "
+        "letters do not matter. A script must not call for itself.",
+        "put the file there, or mend its name; take out a load shape that is not there, because shapes are not used",
+    ),
+    Diagnostic(
+        "I043",
+        "a command that an import does not run",
+        "Commands that only show or solve are left out. What would change the circuit in a way that is not followed "
+        "(`Reduce`, `AllocateLoads`), start a program, load a library or change folders is refused.",
+        "take the line out; for commands that change the circuit run them in OpenDSS, `save circuit`, and import what "
+        "that writes",
+    ),
+    Diagnostic(
+        "I044",
+        "OpenDSS refuses a line",
+        "The message is that of the engine, or says what the engine would pass over in silence, such as a change of "
+        "an element that is not there.",
+        "mend the line; OpenDSS itself shows the same error",
+    ),
+    Diagnostic(
+        "I045",
+        "the OpenDSS engine broke down",
+        "It runs in a process of its own, with limits of time and memory, so nothing else is touched.",
+        "look for absurd numbers of phases or steps; cut the script in half to find the line",
+    ),
+    Diagnostic(
+        "I046",
+        "no circuit",
+        "There is nothing to import without `New Circuit.NAME`, lines and loads.",
+        "name the master file of the circuit",
+    ),
+    Diagnostic(
+        "I047",
+        "an element that is not balanced",
+        "One dq vector stands for three equal phases, in all models and claims. Only elements with three phases, on "
+        "the nodes 1, 2 and 3 of their buses in one order, have a place there; of loads also three equal ones on one "
+        "phase each.",
+        "replace it by a balanced one, or leave it out with --leave-out ELEMENT",
+    ),
+    Diagnostic(
+        "I048",
+        "a line whose phases differ",
+        "The positive sequence of a line stands alone only if its matrices have one value on the diagonal and one "
+        "beside it, to 12 digits. An average would be another line.",
+        "state r1, x1, c1 (and r0, x0, c0) of the line as if it were transposed",
+    ),
+    Diagnostic(
+        "I049",
+        "a load without a law on the band",
+        "A load of OpenDSS has its law from vminpu (or vlowpu, if that is higher) to vmaxpu. Its band in the spec is "
+        "the part of that within --band, and a ZIPV load must not fade away in it.",
+        "another --band; or vminpu and vmaxpu as wide as the law is meant",
+    ),
+    Diagnostic(
+        "I050",
+        "an element that no spec can express",
+        "Leaving it out makes another circuit of it, so that has to be said.",
+        "--leave-out CLASS or ELEMENT says so; generating elements may be DGUs: --dgus-at",
+    ),
+    Diagnostic(
+        "I051",
+        "a value that an element cannot have",
+        "Missing numbers, NaN, infinite and absurd ones are not guessed at.",
+        "mend the value in the script",
+    ),
+    Diagnostic(
+        "I052",
+        "an element that is not what its properties say",
+        "Each line, transformer, reactor and capacitor that is imported is compared with the admittance that OpenDSS "
+        "itself gives it. Here they differ: a long line that is corrected for its length, or a property that is not "
+        "read.",
+        "state r1, x1, c1 of the line as they are to count; or leave the element out with --leave-out",
+    ),
+    Diagnostic(
+        "I053",
+        "a setting that is not followed",
+        "Loads are imported as they are in a snapshot at the base frequency, in year 0.",
+        "take the `Set` out of the script",
+    ),
+    Diagnostic(
+        "I054",
+        "nothing of this name to leave out",
+        "--leave-out takes classes such as `pvsystem` and elements such as `load.a`.",
+        "the names are those of the script, in any case",
+    ),
+    Diagnostic(
         "pandapower",
         "how networks of pandapower become specs",
         "line: a pi section, with half its conductance as a load at either end; open at one end it ends at a node of "
