@@ -118,7 +118,7 @@ def _line(line: Element, frequency: Fraction, parts: Parts) -> None:
         line.buses[0],
         line.buses[1],
         r * length,
-        inductance(x * length, angular_frequency(line.number("BaseFreq"))),
+        inductance(x, angular_frequency(line.number("BaseFreq"))) * length,  # lines of one code have one type
         c * length / 10**9,
         length_metre=metres * length if metres else None,
         kind=(line.text("LineCode") or line.text("Geometry")) if metres else "",

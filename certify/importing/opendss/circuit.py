@@ -37,7 +37,8 @@ def run_engine(path: Path) -> Circuit:
         text = "the package dss-python is not there: pip install 'certify-eip[opendss]'"
         raise SpecError((Fault("I040", "", text),))
     if not path.is_file():
-        raise SpecError((Fault("I041", "", "there is no such file"),))
+        reason = "it is not a file" if path.exists() else "there is no such file"
+        raise SpecError((Fault("I041", "", reason),))
     command = [sys.executable, "-m", "certify.importing.opendss.engine", str(path.resolve())]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONDONTWRITEBYTECODE": "1"}
     try:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 
 # Names as the engine spells them, in lower case.
 RUN = frozenset(
-    {"new", "edit", "more", "m", "~", "enable", "disable", "open", "close", "batchedit", "var", "clear", "clearall"}
+    {"new", "edit", "more", "m", "~", "enable", "disable", "open", "close", "batchedit", "clear", "clearall"}
 )
 READ = frozenset({"redirect", "compile"})
 # They show, write, solve, or speak of a drawing: the circuit as it is described stays the same.

@@ -72,7 +72,7 @@ def exact(value: Any, what: str) -> Fraction:
     Fraction(17, 5)
     """
     if not isinstance(value, int | float) or not math.isfinite(value):
-        raise Unreadable(f"{what} is {value!r}, which is no finite number")
+        raise Unreadable(f"{what} is no finite number")
     if value and not 1e-30 < abs(value) < 1e30:
         raise Unreadable(f"{what} is {value!r}, which is absurd")
     return Fraction(f"{value:.15g}")

@@ -33,6 +33,7 @@ from certify.kernel.errors import Fault, SpecError
 MAX_DEPTH = 20  # of scripts that call for others
 MAX_LINES = 500_000
 MAX_FAULTS = 50
+VARIABLE = re.compile(r"(?:^|[\s,=|\[({\"'])@")
 FULL, NO_TIME, NO_BUSES = 1, 512, 1024  # what the engine's JSON holds
 
 
@@ -52,6 +53,7 @@ class Session:
         self.classes = {name.lower() for name in self.engine.Classes} | {"circuit"}
         self.faults: list[Fault] = []
         self.left_out: dict[str, list[str]] = {}
+        self.made: set[str] = set()
         self.lines = 0
         self.active_class = ""
         self.failed = False  # the last element could not be made, and lines that go on about it mean nothing
@@ -81,17 +83,23 @@ class Session:
         return folder
 
     def parameters(self, text: str) -> list[Parameter]:
-        """The words of a line as the engine takes them apart."""
+        """The words of a line as the engine takes them apart, empty ones in quotes too."""
         parser = self.engine.Parser
         parser.CmdString = text
         found: list[Parameter] = []
-        while True:
+        # Nothing says that the line is at its end but that no more than these can be empty words.
+        empty, most = 0, 2 + sum(map(text.count, "\"'([{,="))
+        while empty < most:
             name, value = parser.NextParam, parser.StrValue
-            if not name and not value:
-                return found
+            empty = 0 if name or value else empty + 1
             found.append((name, value))
+        return found[: len(found) - empty]
 
     def run_line(self, line: ScriptLine, where: str, folder: Path, root: Path, running: tuple[Path, ...]) -> Path:
+        if VARIABLE.search(line.text.partition("!")[0]):
+            self.failed = True
+            self.fault("I043", where, "a variable, a word that begins with @")
+            return folder
         words = self.parameters(line.text)
         if not words:
             return folder
@@ -111,7 +119,7 @@ class Session:
             self.run_set(words[1:], where)
         elif lower in LEFT_OUT:
             self.left_out.setdefault(verb, []).append(where)
-        elif lower in ("clear", "clearall", "var"):
+        elif lower in ("clear", "clearall"):
             self.execute(f"{verb} {rest}", where)
         elif lower in RUN:
             self.run_element(lower, f"{verb} {rest}", words[1:], where, folder)
@@ -128,7 +136,7 @@ class Session:
         if path is None:
             self.fault("I042", where, f"there is no file {wanted!r} to {verb}")
         elif path.resolve() in running:
-            self.fault("I042", where, f"{wanted!r} calls for itself, through {len(running)} files")
+            self.fault("I042", where, f"{wanted!r} is being run already: it calls for itself")
         elif len(running) >= MAX_DEPTH:
             self.fault("I042", where, f"scripts that call for others are nested more than {MAX_DEPTH} deep")
         else:
@@ -151,11 +159,11 @@ class Session:
 
     def run_element(self, verb: str, text: str, words: list[Parameter], where: str, folder: Path) -> None:
         """A line that makes an element or changes one, once it is seen that it does no more than that."""
-        behind, named = words, verb in ("new", "edit", "batchedit")
+        behind, element, named = words, "", verb in ("new", "edit", "batchedit")
         if named or verb in ("open", "close", "enable", "disable"):
             self.failed = False
             target = words[0][1] if words else ""
-            self.active_class, dot, element = target.lower().partition(".")
+            self.active_class, dot, element = target.strip().lower().partition(".")
             if not dot or self.active_class not in self.classes or not element:
                 what = "does not name a class of OpenDSS and an element of it, such as Line.a"
                 self.failed = True
@@ -181,6 +189,8 @@ class Session:
             self.exists(verb, words, where)
         if not self.failed:
             self.execute(text, where)
+        if verb == "new" and not self.failed:
+            self.made |= {f"{self.active_class}.{element}", "vsource.source"}
 
     def files_allowed(self, text: str, where: str, folder: Path) -> bool:
         """Whether the files of numbers that a line names are there, plain files, and not too large."""
@@ -196,20 +206,13 @@ class Session:
 
     def exists(self, verb: str, words: list[Parameter], where: str) -> None:
         """The engine takes some lines about elements that are not there without a word."""
-        target = words[0][0].rpartition(".")[0] if not verb else words[0][1]
-        if verb == "batchedit" or target.lower().startswith("circuit."):
+        target = (words[0][0].rpartition(".")[0] if not verb else words[0][1]).lower()
+        # Some shapes and spectra are there from the start.
+        if verb == "batchedit" or self.active_class in ("circuit", "loadshape", "growthshape", "spectrum", "tcc_curve"):
             return
-        if not self.engine.NumCircuits or self._find(target) < 0:
+        if target not in self.made:
             self.failed = True
             self.fault("I044", where, f"there is no element {target[:60]!r}")
-
-    def _find(self, element: str) -> int:
-        class_name, _, name = element.partition(".")
-        try:
-            self.engine.SetActiveClass(class_name)
-            return 0 if name.lower() in {other.lower() for other in self.engine.ActiveClass.AllNames} else -1
-        except Exception:
-            return -1
 
     def execute(self, text: str, where: str) -> None:
         from dss import DSSException
