@@ -9,7 +9,8 @@ from certify.commands.common import guarded
 SUMMARY = "make a spec from a network of another program"
 EXAMPLE = """certify import pandapower net.json -o net.toml --dgu 3,7
 certify import pandapower net.json -o net.toml --dgus-at static-generators,storage --filter-from mine.toml
-certify import simbench 1-LV-rural1--0-sw -o rural.toml --dgus-at static-generators"""
+certify import simbench 1-LV-rural1--0-sw -o rural.toml --dgus-at static-generators
+certify import opendss Master.dss -o feeder.toml --dgu 650,671 --leave-out pvsystem"""
 EXITS = "exit codes of this command: 0 imported, 2 usage or bad input (nothing is written then)"
 
 
@@ -30,7 +31,10 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "DGU are that DGU",
     )
     parser.add_argument(
-        "--leave-out", metavar="TABLE[,TABLE..]", action="append", help="elements of the source to do without"
+        "--leave-out",
+        metavar="TABLE[,TABLE..]",
+        action="append",
+        help="elements of the source to do without; of OpenDSS classes and elements, such as pvsystem,load.a",
     )
     parser.add_argument(
         "--filter-from",

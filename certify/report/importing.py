@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -13,30 +14,37 @@ from typing import Any
 from certify.kernel.errors import Fault, SpecError
 
 
-def _pandapower(path: str, placement: Any) -> Any:
+def _pandapower(path: str, placement: Any, _settings: Any) -> Any:
     from certify.importing.pandapower import from_net
     from certify.importing.pandapower_file import file_name, load_net
 
     return from_net(load_net(path), f"{file_name(path)}, a file of pandapower", placement)
 
 
-def _simbench(code: str, placement: Any) -> Any:
+def _simbench(code: str, placement: Any, _settings: Any) -> Any:
     from certify.importing.simbench import from_code
 
     return from_code(code, placement)
 
 
+def _opendss(path: str, placement: Any, settings: Any) -> Any:
+    from certify.importing.opendss import read_network
+
+    return read_network(Path(path), settings, placement)
+
+
 @dataclass(frozen=True)
 class Format:
-    """`read(file, placement)` gives a Network; heavy imports are inside."""
+    """`read(file, placement, settings)` gives a Network; heavy imports are inside."""
 
     what: str
-    read: Callable[[str, Any], Any]
+    read: Callable[[str, Any, Any], Any]
 
 
 FORMATS = {
     "pandapower": Format("a JSON file of pandapower", _pandapower),
     "simbench": Format("the code of a SimBench grid, or a file of one", _simbench),
+    "opendss": Format("the master script of a circuit of OpenDSS", _opendss),
 }
 
 
@@ -48,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
     options.spec = options.file  # faults are told under the name of what is read
     _check_target(options)
     settings, placement = to_settings(options)
-    draft = to_spec(FORMATS[options.format].read(options.file, placement), settings)
+    draft = to_spec(FORMATS[options.format].read(options.file, placement, settings), settings)
     if options.output is not None:
         from certify.certificate import write_atomically
 
@@ -95,12 +103,12 @@ def to_dict(draft: Any, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def tables(elements: Iterable[str]) -> str:
-    """How many elements of each table: "2 trafo, 18 load".
+    """How many elements of each table or class: "2 trafo, 18 load".
 
-    >>> tables(["load 1", "load 2 (a)", "trafo 0"])
-    '2 load, 1 trafo'
+    >>> tables(["load 1", "load 2 (a)", "trafo 0"]), tables(["line.a", "line.b"])
+    ('2 load, 1 trafo', '2 line')
     """
-    counts = Counter(element.split(" ", 1)[0] for element in elements)
+    counts = Counter(re.split("[ .]", element, maxsplit=1)[0] for element in elements)
     return ", ".join(f"{count} {table}" for table, count in counts.items())
 
 

@@ -6,7 +6,6 @@ of them.
 `read` puts these together.
 """
 
-from certify.importing.opendss.generating import KINDS
 from certify.importing.opendss.read import read_network
 
-__all__ = ["KINDS", "read_network"]
+__all__ = ["read_network"]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 from certify.importing.network import ZERO, Branch, Note, Pair, Unmapped
@@ -34,6 +34,7 @@ METRES = {
 SAME = Fraction(1, 10**12)  # entries of a matrix that differ by less are equal: the last of 15 digits
 BALANCED = 1e-9  # currents of other sequences, as a share
 AGREES = 1e-9
+AGREES_HANGING = 1e-5  # the engine has 1e-12 S at an open end
 AGREES_TRANSFORMER = 1e-5  # the engine keeps windings from floating with reactances of 1 ppm
 
 
@@ -64,11 +65,11 @@ class Parts:
 def add_element(element: Element, frequency: Fraction, parts: Parts) -> None:
     """Add what an element of a kind in READERS comes to, or why it cannot be."""
     opened = [all(states) for states in element.open]
-    if any(opened):
+    if any(opened) and not _hangs(element):
         which = " and ".join(bus for bus, is_open in zip(element.buses, opened, strict=True) if is_open)
         parts.unmapped.append(Unmapped(element.name, f"open at {which}"))
         return
-    if any(any(states) for states in element.open):
+    if any(any(states) and not all(states) for states in element.open):
         parts.fault("I047", element, "open in some of its phases only")
         return
     if element.kind == "transformer" and len(element.buses) != 2:
@@ -124,8 +125,33 @@ def _line(line: Element, frequency: Fraction, parts: Parts) -> None:
         kind=(line.text("LineCode") or line.text("Geometry")) if metres else "",
         origins=(line.name,),
     )
-    if _agrees(line, _pi(branch, frequency), AGREES, parts):
+    model, tolerance = _pi(branch, frequency), AGREES
+    ends: tuple[int, ...] = (0, 1)
+    if _hangs(line):
+        branch, model, ends = _hanging(line, branch, model)
+        tolerance = AGREES_HANGING
+        parts.notes.append(Note(line.name, "open at one end, where it now has a bus of its own: its charging stays"))
+    if _agrees(line, model, tolerance, parts, ends):
         parts.branches.append(branch)
+
+
+def _hangs(element: Element) -> bool:
+    """Whether an element is a line that is open at one end, and has a capacitance that is charged from the other."""
+    opened = [all(states) for states in element.open]
+    if element.kind != "line" or element.properties["Switch"] or sum(opened) != 1:
+        return False
+    return any(c for row in element.properties["CMatrix"] for c in row)
+
+
+def _hanging(
+    line: Element, branch: Branch, model: list[list[complex]]
+) -> tuple[Branch, list[list[complex]], tuple[int, ...]]:
+    """The line with a bus of its own at its open end, what its closed end sees, and which end that is."""
+    far = 1 if all(line.open[1]) else 0
+    near = 1 - far
+    own = f"{line.buses[far]} open {branch.name}"
+    seen = model[near][near] - model[near][far] * model[far][near] / model[far][far]
+    return replace(branch, end=own) if far else replace(branch, start=own), [[seen]], (near,)
 
 
 def _from_matrix(line: Element, key: str) -> Fraction:
@@ -245,16 +271,24 @@ def _pi(branch: Branch, frequency: Fraction) -> list[list[complex]]:
     return [[(y + leg) / size, -y / ratio.conjugate()], [-y / ratio, y + leg]]
 
 
-def _agrees(element: Element, model: Sequence[Sequence[complex]], tolerance: float, parts: Parts) -> bool:
-    """Whether the engine makes the same of an element; a difference is a fault."""
+def _agrees(
+    element: Element,
+    model: Sequence[Sequence[complex]],
+    tolerance: float,
+    parts: Parts,
+    ends: tuple[int, ...] | None = None,
+) -> bool:
+    """Whether the engine makes the same of an element, between these ends; a difference is a fault."""
     matrix, other = positive_sequence(element)
     if other > BALANCED:
         text = f"its phases are not equal: {other:.2g} of its current is not of the sequence of its voltage"
         parts.fault("I048" if element.kind == "line" else "I047", element, text)
         return False
     n = len(model)
+    ends = ends or tuple(range(n))
+    matrix = [[matrix[i][j] for j in ends] for i in ends]
     # Each entry by its own rows' sizes, so that a ratio of 100 does not hide the smaller side.
-    scale = [max(max(abs(matrix[k][k]), abs(model[k][k])), 1e-300) for k in range(n)]
+    scale = [max(abs(matrix[k][k]), abs(model[k][k]), 1e-300) for k in range(n)]
     off = max(abs(matrix[i][j] - model[i][j]) / math.sqrt(scale[i] * scale[j]) for i in range(n) for j in range(n))
     if off > tolerance:
         text = f"the admittance that OpenDSS gives it is not that of its properties, by {off:.2g} of its size"

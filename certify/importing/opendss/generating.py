@@ -10,16 +10,12 @@ from certify.importing.network import ZERO, Note, Pair, Source, Unmapped, ZipRow
 from certify.importing.opendss.branches import Parts, unbalanced
 from certify.importing.opendss.elements import Element, Unreadable
 from certify.importing.opendss.loads import Holds, within
+from certify.importing.settings import Placement
 from certify.kernel.errors import Fault
 
-# The kinds that --dgus-at takes, as for other formats, and what they are here.
-KINDS = {
-    "generators": ("generator",),
-    "storage": ("storage",),
-    "static-generators": ("pvsystem",),
-    "ext-grid": ("vsource",),
-}
-GENERATING = tuple(kind for kinds in KINDS.values() for kind in kinds)
+# The kinds that --dgus-at takes, and the classes that they are here.
+CLASSES = {"generators": "generator", "storage": "storage", "static-generators": "pvsystem", "ext-grid": "vsource"}
+GENERATING = tuple(CLASSES.values())
 
 
 @dataclass(frozen=True)
@@ -30,27 +26,22 @@ class Place:
     elements: tuple[Element, ...]
 
 
-def find_places(
-    generating: Sequence[Element], at_buses: Sequence[str], kinds: Sequence[str], buses: Sequence[str], parts: Parts
-) -> list[Place]:
-    """One place for each bus that is named, and for each that has an element of these kinds; the rest is left to
-    others."""
+def find_places(generating: Sequence[Element], placement: Placement, buses: Sequence[str], parts: Parts) -> list[Place]:
+    """One place for each bus that is named, and for each with an element of a kind that is."""
     at: dict[str, list[Element]] = {}
-    for name in at_buses:
-        bus = name.strip().lower()
+    for name in placement.buses:
+        bus = name.lower()
         if bus not in buses:
             parts.faults.append(Fault("I007", "--dgu", f"{name!r} is no bus of the circuit"))
         at.setdefault(bus, [])
-    for kind in kinds:
-        chosen = [element for element in generating if element.kind in KINDS.get(kind, ())]
-        if kind not in KINDS:
-            parts.faults.append(Fault("I007", "--dgus-at", f"{kind!r} is none of {', '.join(KINDS)}"))
-        elif not chosen:
-            text = f"the circuit has no {KINDS[kind][0]} that is on, which is what {kind} are in OpenDSS"
+    for kind in placement.kinds:
+        chosen = [element for element in generating if element.kind == CLASSES[kind]]
+        if not chosen:
+            text = f"{kind} are of the class {CLASSES[kind]}, and the circuit has none that is on"
             parts.faults.append(Fault("I007", "--dgus-at", text))
         for element in chosen:
             at.setdefault(element.buses[0], [])
-    if not at and not at_buses and not kinds:
+    if not placement.buses and not placement.kinds:
         have = ", ".join(f"{e.name} at bus {e.buses[0]}" for e in generating[:6]) + (", ..." if generating[6:] else "")
         parts.faults.append(Fault("I007", "", "no place for a DGU is named" + (f"; there are {have}" if have else "")))
     for element in generating:

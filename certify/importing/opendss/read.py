@@ -15,7 +15,7 @@ from certify.importing.opendss.elements import Element, Unreadable, refuse
 from certify.importing.opendss.generating import GENERATING, Place, add_others, find_places, to_source
 from certify.importing.opendss.loads import to_rows
 from certify.importing.opendss.voltages import nominal_volts
-from certify.importing.settings import Settings
+from certify.importing.settings import Placement, Settings
 from certify.kernel.errors import Fault
 
 # What draws nothing, and what acts only as time goes by or once the engine solves.
@@ -32,34 +32,21 @@ CONTROLS = {
 SHAPES = ("Yearly", "Daily", "Duty")
 
 
-def read_network(
-    path: Path,
-    settings: Settings,
-    dgus: Sequence[str] = (),
-    dgus_at: Sequence[str] = (),
-    leave_out: Sequence[str] = (),
-) -> Network:
-    """The network of a script, with DGUs at the buses `dgus` and at all elements of the kinds `dgus_at`.
+def read_network(path: Path, settings: Settings, placement: Placement) -> Network:
+    """The network of a script.
 
-    `dgus_at`: some of `KINDS`. `leave_out`: classes or elements that are to go, such as `pvsystem` or `load.a`. Loads
-    get the part of `settings.band_pu` on which their models hold.
+    What `placement` leaves out is named by classes or elements, such as `pvsystem` or `load.a`. Loads get the part of
+    `settings.band_pu` on which their models hold.
 
     Raises: SpecError with every fault (I007, I040 to I053).
     """
-    return to_network(run_engine(path), path.name, settings, dgus, dgus_at, leave_out)
+    return to_network(run_engine(path), path.name, settings, placement)
 
 
-def to_network(
-    circuit: Circuit,
-    file: str,
-    settings: Settings,
-    dgus: Sequence[str] = (),
-    dgus_at: Sequence[str] = (),
-    leave_out: Sequence[str] = (),
-) -> Network:
+def to_network(circuit: Circuit, file: str, settings: Settings, placement: Placement) -> Network:
     """See `read_network`."""
     parts = Parts(notes=_notes_of_script(circuit))
-    on = _kept(circuit.elements, leave_out, parts)
+    on = _kept(circuit.elements, placement.leave_out, parts)
     for element in on:
         if element.kind in READERS:
             add_element(element, circuit.frequency_hertz, parts)
@@ -75,7 +62,7 @@ def to_network(
     parts.faults += faults
     generating = [element for element in on if element.kind in GENERATING]
     buses = list(dict.fromkeys(bus for element in on for bus in element.buses if bus))
-    places = find_places(generating, dgus, dgus_at, buses, parts)
+    places = find_places(generating, placement, buses, parts)
     rows += add_others(generating, places, circuit.generator_multiplier, settings.band_pu, parts)
     if not parts.faults and not rows and not parts.branches:
         parts.faults.append(Fault("I046", "", "the circuit has no line, no transformer and no load that is on"))
@@ -84,10 +71,9 @@ def to_network(
 
 
 def _notes_of_script(circuit: Circuit) -> list[Note]:
-    listed = [
-        f"`{command}` ({', '.join(at[:3])}{', ...' if at[3:] else ''})" for command, at in circuit.left_out.items()
-    ]
-    notes = [Note("", f"left out of the script: {text}") for text in listed]
+    commands = [f"`{command}`" for command in circuit.left_out]
+    few = [commands[k : k + 8] for k in range(0, len(commands), 8)]
+    notes = [Note("", f"not run of the script: {', '.join(part)}") for part in few]
     for option, value in (("loadmult", circuit.load_multiplier), ("genmult", circuit.generator_multiplier)):
         if value != 1:
             notes.append(Note("", f"powers are those of {option} = {float(value):g}"))
@@ -166,4 +152,4 @@ def _named(
 
 def _bus(bus: str, name: str, nominal: Fraction, parts: Parts) -> Bus:
     farad, origins = parts.capacitances.get(bus, (ZERO, ()))
-    return Bus(name, nominal, (bus, *origins), farad)
+    return Bus(name, nominal, origins, farad)
