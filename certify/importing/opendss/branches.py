@@ -13,9 +13,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import lru_cache
 
 from certify.importing.network import ZERO, Branch, Note, Pair, Unmapped
-from certify.importing.numbers import decimal, inductance
+from certify.importing.numbers import inductance
 from certify.importing.opendss.elements import Element, Unreadable, exact, positive_sequence
 from certify.kernel.errors import Fault
 from certify.kernel.spec import angular_frequency
@@ -119,7 +120,7 @@ def _line(line: Element, frequency: Fraction, parts: Parts) -> None:
         line.buses[0],
         line.buses[1],
         r * length,
-        inductance(x, angular_frequency(line.number("BaseFreq"))) * length,  # lines of one code have one type
+        inductance(x, _w0(line.number("BaseFreq"))) * length,  # lines of one code have one type
         c * length / 10**9,
         length_metre=metres * length if metres else None,
         kind=(line.text("LineCode") or line.text("Geometry")) if metres else "",
@@ -162,9 +163,10 @@ def _from_matrix(line: Element, key: str) -> Fraction:
     size = max(map(abs, (*own, *mutual)))
     for what, values in (("on", own), ("beside", mutual)):
         if max(values) - min(values) > SAME * size:
+            share = float(100 * (max(values) - min(values)) / size)
             raise ValueError(
-                f"{key.lower()} is not that of three equal phases: {what} the diagonal it has {decimal(min(values))} "
-                f"to {decimal(max(values))} for each unit of length"
+                f"{key.lower()} is not that of three equal phases: entries {what} the diagonal differ by "
+                f"{share:.3g} % of the largest"
             )
     return own[0] - mutual[0]
 
@@ -175,7 +177,7 @@ def _reactor(reactor: Element, frequency: Fraction, parts: Parts) -> None:
         parts.fault("I050", reactor, f"with {stated[0]}: only a resistance in series with an inductance is read")
         return
     r, x = reactor.number("R"), reactor.number("X")
-    w0, w = angular_frequency(reactor.number("BaseFreq")), angular_frequency(frequency)
+    w0, w = _w0(reactor.number("BaseFreq")), _w0(frequency)
     if not _is_shunt(reactor):
         branch = Branch(
             reactor.name.partition(".")[2],
@@ -212,7 +214,7 @@ def _capacitor(capacitor: Element, frequency: Fraction, parts: Parts) -> None:
     farad = sum((c for c, on in zip(capacitor.numbers("Cuf"), states, strict=True) if on), ZERO) / 10**6
     if capacitor.text("Conn").lower() == "delta":
         farad *= 3
-    y = 1j * float(angular_frequency(frequency) * farad)
+    y = 1j * float(_w0(frequency) * farad)
     if not farad:
         parts.unmapped.append(Unmapped(capacitor.name, "all its steps are off"))
     elif _agrees(capacitor, [[y]], AGREES, parts):
@@ -233,7 +235,7 @@ def _transformer(transformer: Element, frequency: Fraction, parts: Parts) -> Non
         parts.fault("I050", transformer, "a rating or a tap is not positive")
         return
     base = volts[1] ** 2 / va
-    w0 = angular_frequency(transformer.number("BaseFreq"))
+    w0 = _w0(transformer.number("BaseFreq"))
     # The engine has the iron losses and the magnetising current at the terminals of the last winding.
     iron = [va * transformer.number(key) / 100 for key in ("pctNoLoadLoss", "pctIMag")]
     matrix, _ = positive_sequence(transformer)
@@ -263,7 +265,7 @@ def _transformer(transformer: Element, frequency: Fraction, parts: Parts) -> Non
 
 def _pi(branch: Branch, frequency: Fraction) -> list[list[complex]]:
     """The admittances between the ends of a branch, in floats, with its ideal ratio at the start."""
-    w = float(angular_frequency(frequency))
+    w = float(_w0(frequency))
     y = 1 / complex(float(branch.resistance_ohm), w * float(branch.inductance_henry) or 1e-300)
     leg = 0.5j * w * float(branch.capacitance_farad)
     ratio = float(branch.ratio) * cmath.exp(1j * math.radians(float(branch.shift_degree)))
@@ -294,6 +296,12 @@ def _agrees(
         text = f"the admittance that OpenDSS gives it is not that of its properties, by {off:.2g} of its size"
         parts.fault("I052", element, text)
     return off <= tolerance
+
+
+@lru_cache
+def _w0(frequency_hertz: Fraction) -> Fraction:
+    """As for a spec; most elements are of one frequency."""
+    return angular_frequency(frequency_hertz)
 
 
 READERS: dict[str, Callable[[Element, Fraction, Parts], None]] = {

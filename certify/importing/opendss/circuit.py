@@ -39,7 +39,8 @@ def run_engine(path: Path) -> Circuit:
     if not path.is_file():
         reason = "it is not a file" if path.exists() else "there is no such file"
         raise SpecError((Fault("I041", "", reason),))
-    command = [sys.executable, "-m", "certify.importing.opendss.engine", str(path.resolve())]
+    # -P: nothing that lies in the current folder is taken for a module.
+    command = [sys.executable, "-P", "-m", "certify.importing.opendss.engine", str(path.resolve())]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         done = subprocess.run(command, capture_output=True, env=environment, timeout=TIME_LIMIT, check=False)

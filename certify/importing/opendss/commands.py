@@ -31,12 +31,12 @@ LEFT_OUT = frozenset(
 
 # Options of `Set` that say something about the circuit.
 OPTIONS_RUN = frozenset(
-    """year frequency loadmult genmult allowduplicates allocationfactors cfactors basefrequency defaultbasefrequency
+    """year frequency loadmult genmult allocationfactors cfactors basefrequency defaultbasefrequency
     earthmodel linetypes longlinecorrection %growth
     """.split()  # noqa: SIM905 - a list of words is easier to read so
 )
-# They choose what the next line speaks of, or turn the circuit into something else.
-OPTIONS_REFUSED = frozenset({"type", "element", "class", "object", "circuit", "activeactor"})
+# They choose what the next line speaks of, or let two elements have one name.
+OPTIONS_REFUSED = frozenset({"type", "element", "class", "object", "circuit", "activeactor", "allowduplicates"})
 
 # Properties that name a library to load into the process.
 LIBRARIES = ("usermodel", "userdata", "shaftmodel", "shaftdata", "dynadll", "dynadata")

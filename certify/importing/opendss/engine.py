@@ -120,6 +120,7 @@ class Session:
         elif lower in LEFT_OUT:
             self.left_out.setdefault(verb, []).append(where)
         elif lower in ("clear", "clearall"):
+            self.made.clear()
             self.execute(f"{verb} {rest}", where)
         elif lower in RUN:
             self.run_element(lower, f"{verb} {rest}", words[1:], where, folder)

@@ -62,7 +62,7 @@ def add_others(
     taken = {element.name for place in places for element in place.elements}
     for element in generating:
         if element.name in taken:
-            if element.kind != "vsource" and not element.is_three_phase:
+            if not element.is_three_phase or (element.kind == "vsource" and element.terminal(1) != (0, 0, 0)):
                 parts.fault("I047", element, unbalanced(element))
         elif element.kind == "vsource":
             parts.unmapped.append(Unmapped(element.name, "the grid: the network is an island"))
@@ -83,6 +83,9 @@ def _negative_load(generator: Element, multiplier: Fraction, band_pu: Pair, part
     """A generator of constant power (model 1) or constant admittance (model 2)."""
     if not generator.is_three_phase:
         parts.fault("I047", generator, unbalanced(generator))
+        return None
+    if generator.text("DispMode").lower() != "default":
+        parts.fault("I050", generator, "it is dispatched by load or price, which a spec does not know")
         return None
     factor = multiplier if generator.text("Status").lower() != "fixed" else Fraction(1)
     pair = (-1000 * factor * generator.number("kW"), -1000 * factor * generator.number("kvar"))

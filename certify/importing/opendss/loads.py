@@ -184,10 +184,13 @@ def _ends(load: Element) -> tuple[int, int]:
 
 
 def _unbalanced(load: Element) -> str:
-    nodes = ".".join(map(str, load.terminal(0)))
+    conductors = load.nodes[:2] if load.phases == 1 and _ends(load)[1] else load.terminal(0)
+    place = f"{load.buses[0]}.{'.'.join(map(str, conductors))}"
     if load.phases == 1:
-        return f"one phase, at {load.buses[0]}.{nodes}, without equal loads on the other two"
-    return f"{load.phases} phases, at {load.buses[0]}.{nodes}, where a balanced load has three"
+        return f"one phase, at {place}, without equal loads on the other two"
+    if load.phases == 3:
+        return f"{place}: its phases are not the nodes 1, 2 and 3"
+    return f"{load.phases} phases, at {place}, where a balanced load has three"
 
 
 def balanced_groups(loads: Iterable[Element]) -> tuple[list[tuple[Element, ...]], list[Element]]:

@@ -55,7 +55,7 @@ def to_network(circuit: Circuit, file: str, settings: Settings, placement: Place
         elif element.kind in CONTROLS:
             parts.unmapped.append(Unmapped(element.name, CONTROLS[element.kind]))
         elif element.kind not in ("load", *GENERATING):
-            parts.fault("I050", element, f"a {element.kind} has no counterpart in a spec")
+            parts.fault("I050", element, f"elements of the class {element.kind} have no counterpart in a spec")
     loads = _connected([element for element in on if element.kind == "load"], parts)
     rows, notes, faults = to_rows(loads, circuit.load_multiplier, settings.band_pu)
     parts.notes += notes + [Note(e.name, "its load shape is ignored") for e in loads if any(map(e.text, SHAPES))]
