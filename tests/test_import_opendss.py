@@ -8,6 +8,7 @@ import random
 from collections import Counter
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,9 +16,8 @@ from certify.certificate import prove
 from certify.cli import main
 from certify.importing import Draft, Network, Settings, to_spec
 from certify.importing.network import ZipRow
-from certify.importing.opendss import read_network
 from certify.importing.opendss.circuit import run_engine, to_circuit
-from certify.importing.opendss.engine import Session, read_circuit
+from certify.importing.opendss.engine import Session, new_engine, read_circuit
 from certify.importing.opendss.read import to_network
 from certify.importing.settings import Placement
 from certify.kernel.errors import SpecError
@@ -34,6 +34,18 @@ new line.l bus1=src bus2=b r1=1e-5 x1=1e-5 c1=100 length=1 units=km
 """
 
 
+@pytest.fixture(scope="module")
+def context() -> Any:
+    return new_engine()
+
+
+@pytest.fixture(autouse=True)
+def _one_engine(context: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The engine takes a while to start, and every test begins with an empty one. (An import has a process for it.)"""
+    context.Text.Command = "clearall"
+    monkeypatch.setattr("certify.importing.opendss.engine.new_engine", lambda: context)
+
+
 class Engine:
     """A circuit in an engine of its own, imported and then solved."""
 
@@ -48,10 +60,11 @@ class Engine:
     def network(self, settings: Settings, placement: Placement = GRID) -> Network:
         return to_network(to_circuit({"circuit": self.session.circuit()}), "circuit.dss", settings, placement)
 
-    def solve(self, pu: float | None = None) -> None:
+    def solve(self, pu: float | None = None, tolerance: float = 1e-12) -> None:
+        """With a coarse tolerance the powers that the engine tells are those of the last voltage but one."""
         for command in (
             f"edit vsource.source pu={pu}" if pu else "",
-            "set controlmode=off tolerance=1e-10 maxiterations=1000",
+            f"set controlmode=off tolerance={tolerance} maxiterations=1000",
             "solve",
         ):
             if command:
@@ -337,10 +350,10 @@ def test_a_generator_that_is_no_dgu_is_a_negative_load(text: str, tmp_path: Path
     _, draft = draft_of(engine, Settings())
     (load,) = next(node.loads for node in draft.microgrid.nodes if node.name == "b")
     for pu in (0.9, 1.0, 1.1):
-        engine.solve(pu)
+        engine.solve(pu, 1e-11)
         expected = engine.power("generator.g")
         assert expected.real < 0
-        assert abs(power_of(load, abs(engine.volts("b"))) - expected) < 1e-12 * abs(expected) + 1e-8
+        assert abs(power_of(load, abs(engine.volts("b"))) - expected) < 1e-10 * abs(expected)
 
 
 @pytest.fixture(scope="module")
@@ -399,6 +412,35 @@ def test_transformers_of_every_connection(tmp_path: Path) -> None:
     assert {branch.ratio for branch in network.branches if branch.name.startswith("t")} == {F(400, 95)}
 
 
+def test_lines_without_capacitance_need_a_stated_one(tmp_path: Path) -> None:
+    text = "new line.a bus1=b bus2=c r1=0.1 x1=0.1 c1=0 length=200 units=m\nnew load.a bus1=c kv=.4 model=2"
+    network = read_fixed(tmp_path, text)
+    with pytest.raises(SpecError, match="I022 at c: no capacitance at this bus.*--line-capacitance"):
+        to_spec(network, Settings())
+    draft = to_spec(network, Settings(line_capacitance=F(10, 10**12)))
+    assert draft.microgrid.lines[1].capacitance_farad == F(200 * 10, 10**12)
+
+
+def test_values_that_opendss_has_by_default_are_told(tmp_path: Path) -> None:
+    notes = {(n.element, n.text) for n in read_fixed(tmp_path, "new line.a bus1=b bus2=c").notes}
+    assert ("line.a", "its capacitance is the default of OpenDSS, 3.4 nF per unit of length") in notes
+    assert ("line.a", "its impedance is the default of OpenDSS, 0.058 + 0.1206j ohm per unit") in notes
+
+
+def test_generating_elements_as_dgus(tmp_path: Path) -> None:
+    text = """new pvsystem.p bus1=b kv=.4 kva=30 pmpp=25
+    new storage.s bus1=b kv=.4 kva=20 kwrated=20 kwhrated=50
+    new invcontrol.i mode=voltvar
+    new line.far bus1=b bus2=c r1=.1 x1=.1 c1=100
+    new generator.g bus1=c kv=.4 kva=12 kw=10 model=3"""
+    placement = Placement(kinds=("static-generators", "storage", "generators"))
+    network = read_fixed(tmp_path, text, placement)
+    found = {source.bus: (source.rating_va, source.origins) for source in network.sources}
+    assert found == {"b": (50000, ("storage.s", "pvsystem.p")), "c": (12000, ("generator.g",))}
+    assert {u.element for u in network.unmapped} == {"vsource.source", "invcontrol.i"}
+    assert prove(to_spec(network, Settings()).spec).verdict.outcome == "certified"
+
+
 def test_files_that_scripts_call_for(tmp_path: Path) -> None:
     (tmp_path / "Inner").mkdir()
     (tmp_path / "Inner" / "LOADS.dss").write_text("redirect more.DSS\n")
@@ -416,8 +458,16 @@ HOSTILE = [
     ("cd /tmp", "I043", "CD"),
     ("new generator.g bus1=b kv=.4 model=6 usermodel=evil.so", "I043", "loads a library"),
     ("new generator.g bus1=b userm=evil.so", "I043", "write it in full"),
-    ('new generator.g bus1=b "" usermodel=evil.so', "I043", "loads a library"),
-    ("new generator.g bus1=b\n~ xdpp=0.2 1 1 evil.so", "I043", "properties are named"),
+    ("new generator.g bus1=b u=evil.so", "I043", "write it in full"),
+    ("new generator.g bus1=b debugtrace=yes", "I043", "writes a file"),
+    ("new regcontrol.g transformer=t debugt=y", "I043", "writes a file"),
+    ("new loadshape.s npts=2 mult=(1 2) action=dblsave", "I043", "is an action"),
+    ("new loadshape.s npts=2 mult=(1 2) a=sngsave", "I043", "is an action"),
+    ("new energymeter.m terminal=1 zonedump", "I043", "without a name"),
+    ("new monitor.m line.l 1 0 save", "I043", "without a name"),
+    ("new energymeter.m element=line.l\nenergymeter.m.action=zonedump", "I043", "is an action"),
+    ('new generator.g "" usermodel=evil.so', "I043", "loads a library"),
+    ("new generator.g bus1=b\n~ xdpp=0.2 1 1 evil.so", "I043", "without a name"),
     ("new generator.g bus1=b\ngenerator.g.usermodel=evil.so", "I043", "loads a library"),
     ("new storage.g bus1=b\nbatchedit storage..* dynadll=evil.so", "I043", "loads a library"),
     ("new loadshape.s npts=10 mult=(file=/dev/zero)", "I042", "/dev/zero"),
@@ -506,7 +556,7 @@ def test_all_faults_at_once_with_their_lines(tmp_path: Path) -> None:
 
 def test_unbalanced_feeders_name_every_element() -> None:
     with pytest.raises(SpecError) as caught:
-        read_network(DATA / "unbalanced.dss", Settings(), GRID)
+        to_network(to_circuit({"circuit": read_circuit(DATA / "unbalanced.dss")}), "x", Settings(), GRID)
     assert {(fault.code, fault.path) for fault in caught.value.faults} == {
         ("I048", "line.trunk"),
         ("I047", "line.lateral"),
@@ -519,14 +569,6 @@ def test_unbalanced_feeders_name_every_element() -> None:
         ("I047", "load.open"),
         ("I047", "capacitor.one"),
     }
-
-
-def test_an_engine_that_breaks_down_is_a_fault(tmp_path: Path) -> None:
-    path = tmp_path / "circuit.dss"
-    path.write_text(STIFF + "new line.x phases=1000000 bus1=b bus2=c\n")
-    with pytest.raises(SpecError) as caught:
-        run_engine(path)
-    assert [fault.code for fault in caught.value.faults] == ["I045"]
 
 
 def test_without_the_engine(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -546,15 +588,21 @@ def test_scripts_without_a_network(script: str, code: str, tmp_path: Path) -> No
     assert caught.value.faults[0].code == code
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    written = []
-    for name in ("one.toml", "two.toml"):
-        target = tmp_path / name
-        assert main(["import", "opendss", str(DATA / "feeder.dss"), "-o", str(target), "--dgus-at", "ext-grid"]) == 0
-        written.append(target.read_bytes())
-    assert written[0] == written[1]
-    assert "IMPORTED" in capsys.readouterr().out
-    (tmp_path / "bad.dss").write_text("new circuit.x bus1=a\nfoo\n")
-    assert main(["import", "opendss", str(tmp_path / "bad.dss"), "-o", str(tmp_path / "no.toml"), "--dgu", "a"]) == 2
-    assert "bad.dss:2" in capsys.readouterr().err
-    assert not (tmp_path / "no.toml").exists()
+def test_the_command(feeder: Engine, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "feeder.toml"
+    assert main(["import", "opendss", str(DATA / "feeder.dss"), "-o", str(target), "--dgus-at", "ext-grid"]) == 0
+    assert (
+        "mapped: 2 capacitor, 5 line, 1 transformer, 2 reactor, 8 load, 1 generator, 1 vsource"
+        in capsys.readouterr().out
+    )
+    raw = {"circuit": feeder.session.circuit()}  # of another engine, in this process
+    settings = Settings()
+    assert to_spec(to_network(to_circuit(raw), "feeder.dss", settings, GRID), settings).spec == target.read_bytes()
+
+
+def test_a_script_that_breaks_the_engine_is_a_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "bad.dss").write_text(STIFF + "new line.x phases=1000000 bus1=b bus2=c\n")
+    command = ["import", "opendss", str(tmp_path / "bad.dss"), "-o", str(tmp_path / "no.toml"), "--dgu", "b"]
+    assert main(command) == 2
+    assert "error[I045]: the OpenDSS engine broke down over this script" in capsys.readouterr().err
+    assert [entry.name for entry in tmp_path.iterdir()] == ["bad.dss"]

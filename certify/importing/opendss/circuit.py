@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -41,9 +42,16 @@ def run_engine(path: Path) -> Circuit:
         raise SpecError((Fault("I041", "", reason),))
     # -P: nothing that lies in the current folder is taken for a module.
     command = [sys.executable, "-P", "-m", "certify.importing.opendss.engine", str(path.resolve())]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
     try:
-        done = subprocess.run(command, capture_output=True, env=environment, timeout=TIME_LIMIT, check=False)
+        with tempfile.TemporaryDirectory() as folder:  # where the engine would write, if anything made it
+            done = subprocess.run(
+                command, capture_output=True, env=environment, cwd=folder, timeout=TIME_LIMIT, check=False
+            )
     except subprocess.TimeoutExpired:
         text = f"the OpenDSS engine has not read the script within {TIME_LIMIT} s"
         raise SpecError((Fault("I045", "", text),)) from None

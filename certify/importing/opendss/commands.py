@@ -41,11 +41,14 @@ OPTIONS_REFUSED = frozenset({"type", "element", "class", "object", "circuit", "a
 # Properties that name a library to load into the process.
 LIBRARIES = ("usermodel", "userdata", "shaftmodel", "shaftdata", "dynadll", "dynadata")
 # Properties that name a file with numbers.
-FILES = ("csvfile", "sngfile", "dblfile", "pqcsvfile", "pmult_file", "qmult_file")
-# In these classes properties are named, so that it is seen which they are; some may stand first by position.
-GUARDED = frozenset(
-    """generator storage pvsystem capcontrol indmach012 windgen upfc vccs vsconverter dynamicexp loadshape tshape
-    priceshape growthshape xycurve spectrum tcc_curve storagecontroller gendispatcher
+FILES = ("csvfile", "sngfile", "dblfile", "pqcsvfile")
+# Actions of these classes write files, or change loads and the circuit.
+ACTING = frozenset({"loadshape", "tshape", "priceshape", "monitor", "energymeter"})
+# Classes without any such property. In all others properties are named, so that it is seen which they are; only the
+# first two values may stand without names.
+HARMLESS = frozenset(
+    """circuit vsource isource line load transformer autotrans capacitor reactor linecode wiredata cndata tsdata
+    linespacing linegeometry xfmrcode fault swtcontrol recloser fuse tcc_curve sensor gicline gictransformer gicsource
     """.split()  # noqa: SIM905 - a list of words is easier to read so
 )
 POSITIONAL = 2
@@ -86,15 +89,34 @@ def find_danger(class_name: str, parameters: Iterable[Parameter], after_name: bo
     >>> find_danger("generator", [("kW", "5"), ("UserModel", "evil.so")], True)
     'UserModel loads a library'
     """
+    if class_name in HARMLESS:
+        return None
     allowed = POSITIONAL if after_name else 0
-    for position, (name, _) in enumerate(parameters):
+    for position, (name, value) in enumerate(parameters):
         lower = name.rpartition(".")[2].lower()
-        if lower and any(full.startswith(lower) for full in LIBRARIES):
-            if lower in LIBRARIES:
-                return f"{name} loads a library"
-            return f"{name!r} may be short for a property that loads a library; write it in full"
-        if lower and lower not in FILES and any(full.startswith(lower) and len(lower) < len(full) for full in FILES):
-            return f"{name!r} may be short for a property that reads a file; write it in full"
-        if not lower and position >= allowed and class_name in GUARDED:
-            return f"a value without name; in the class {class_name} properties are named"
+        if not lower:
+            if position >= allowed:
+                return f"a value without a name; in the class {class_name} all but the first two are named"
+            continue
+        allowed = 0  # a value behind a name is that of the property after it
+        danger = _find_danger(class_name, lower, value)
+        if danger:
+            return f"{name} {danger}"
+    return None
+
+
+def _find_danger(class_name: str, name: str, value: str) -> str | None:
+    """As above, for one property; its name may be cut short."""
+
+    def means(full: str) -> bool:
+        return full.startswith(name) and name not in ("d", "s")  # these are properties, or mean others
+
+    if name in LIBRARIES:
+        return "loads a library"
+    if class_name in ACTING and means("action"):
+        return "is an action, which may write files"
+    if means("debugtrace") and value.lower()[:1] not in ("n", "f", "0"):
+        return "writes a file"
+    if name not in FILES and any(map(means, (*LIBRARIES, *FILES))):
+        return "may be short for a property that loads a library or reads a file; write it in full"
     return None

@@ -12,11 +12,11 @@ import contextlib
 import json
 import re
 import sys
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from certify.importing.opendss.commands import (
-    GUARDED,
     LEFT_OUT,
     OPTIONS_REFUSED,
     OPTIONS_RUN,
@@ -37,22 +37,25 @@ VARIABLE = re.compile(r"(?:^|[\s,=|\[({\"'])@")
 FULL, NO_TIME, NO_BUSES = 1, 512, 1024  # what the engine's JSON holds
 
 
+def new_engine() -> Any:
+    """An engine that knows of no other."""
+    from dss import dss
+
+    return dss.NewContext()
+
+
 class Session:
     """One script and what it calls for, given to an engine line by line. `faults` has what is wrong with them."""
 
     def __init__(self) -> None:
-        from dss import dss
-
-        self.engine = dss.NewContext()
+        self.engine = new_engine()
         self.engine.AllowForms = self.engine.AllowEditor = self.engine.AllowChangeDir = False
         with contextlib.suppress(Exception):  # on systems where the engine could not start programs anyway
             self.engine.AllowDOScmd = False
-        executive = self.engine.Executive
-        self.commands = [executive.Command(k) for k in range(1, executive.NumCommands + 1)]
-        self.options = [executive.Option(k) for k in range(1, executive.NumOptions + 1)]
-        self.classes = {name.lower() for name in self.engine.Classes} | {"circuit"}
+        self.commands, self.options, self.classes = _vocabulary()
         self.faults: list[Fault] = []
         self.left_out: dict[str, list[str]] = {}
+        self.own_folder = self.engine.DataPath
         self.made: set[str] = set()
         self.lines = 0
         self.active_class = ""
@@ -112,7 +115,7 @@ class Session:
             self.fault("I044", where, f"{word[:60]!r} is no command of OpenDSS")
             return folder
         lower = verb.lower()
-        rest = line.text[_end_of(word, line.text) :]
+        rest = line.text[line.text.index(word) + len(word) :].lstrip("\"')]}")
         if lower in READ:
             return self.include(lower, words[1:], where, folder, root, running)
         if lower == "set":
@@ -190,6 +193,7 @@ class Session:
             self.exists(verb, words, where)
         if not self.failed:
             self.execute(text, where)
+        self.engine.DataPath = self.own_folder
         if verb == "new" and not self.failed:
             self.made |= {f"{self.active_class}.{element}", "vsource.source"}
 
@@ -201,8 +205,7 @@ class Session:
                 self.failed = True
                 self.fault("I042", where, f"no plain file {name!r} of at most {MAX_FILE_BYTES // 2**20} MiB")
                 return False
-            if self.engine.NumCircuits or self.active_class not in GUARDED:
-                self.engine.DataPath = str(folder)
+            self.engine.DataPath = str(folder)
         return True
 
     def exists(self, verb: str, words: list[Parameter], where: str) -> None:
@@ -286,10 +289,15 @@ class Session:
         }
 
 
-def _end_of(word: str, text: str) -> int:
-    """Where the first word of a line ends."""
-    at = text.find(word)
-    return at + len(word) + (1 if at and text[at - 1] in "\"'([{" else 0)
+@lru_cache
+def _vocabulary() -> tuple[tuple[str, ...], tuple[str, ...], frozenset[str]]:
+    """Commands and options in the engine's order, and classes in lower case."""
+    from dss import dss
+
+    executive = dss.Executive
+    commands = tuple(executive.Command(k) for k in range(1, executive.NumCommands + 1))
+    options = tuple(executive.Option(k) for k in range(1, executive.NumOptions + 1))
+    return commands, options, frozenset(name.lower() for name in dss.Classes) | {"circuit"}
 
 
 def _reason(error: Exception) -> str:
