@@ -415,7 +415,7 @@ def test_transformers_of_every_connection(tmp_path: Path) -> None:
 def test_lines_without_capacitance_need_a_stated_one(tmp_path: Path) -> None:
     text = "new line.a bus1=b bus2=c r1=0.1 x1=0.1 c1=0 length=200 units=m\nnew load.a bus1=c kv=.4 model=2"
     network = read_fixed(tmp_path, text)
-    with pytest.raises(SpecError, match="I022 at c: no capacitance at this bus.*--line-capacitance"):
+    with pytest.raises(SpecError, match=r"I022 at c: .*--line-capacitance"):
         to_spec(network, Settings())
     draft = to_spec(network, Settings(line_capacitance=F(10, 10**12)))
     assert draft.microgrid.lines[1].capacitance_farad == F(200 * 10, 10**12)
