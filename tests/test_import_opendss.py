@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 import random
+import re
 from collections import Counter
 from fractions import Fraction
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 
 from certify.certificate import prove
 from certify.cli import main
+from certify.diagnostics import DIAGNOSTICS
 from certify.importing import Draft, Network, Settings, to_spec
 from certify.importing.network import ZipRow
 from certify.importing.opendss.circuit import run_engine, to_circuit
@@ -481,6 +483,7 @@ HOSTILE = [
     ("reduce", "I043", "Reduce"),
     ("set cktmodel=positive", "I043", "Cktmodel"),
     ("set class=load", "I043", "class"),
+    ('set year="0) datapath=/ ("', "I043", "no plain value"),
     ("set allowduplicates=yes", "I043", "Allowduplicates"),
     ("clear\nnew circuit.x bus1=a\nedit line.l r1=1", "I044", "no element 'line.l'"),
     ("kw=3", "I043", "a property alone"),
@@ -538,6 +541,20 @@ def test_commands_that_show_or_write_are_not_run(tmp_path: Path) -> None:
     assert [e["name"] for e in circuit["elements"] if e["kind"] == "load"] == ["load.a"]
     assert set(circuit["left_out"]) >= {"Solve", "Export", "Save", "Set Datapath=/etc"}
     assert [entry.name for entry in tmp_path.iterdir()] == ["circuit.dss"]
+
+
+def test_every_code_is_explained() -> None:
+    folder = Path(__file__).parent.parent / "certify" / "importing" / "opendss"
+    used = set(re.findall(r'"(I\d{3})"', "".join(path.read_text() for path in folder.glob("*.py"))))
+    assert used == {"I007"} | {code for code in DIAGNOSTICS if "I040" <= code <= "I069"}
+
+
+def test_faults_without_end(tmp_path: Path) -> None:
+    path = tmp_path / "circuit.dss"
+    path.write_text("nonsense\n" * 1000)
+    with pytest.raises(SpecError) as caught:
+        read_circuit(path)
+    assert len(caught.value.faults) == 51
 
 
 def test_all_faults_at_once_with_their_lines(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ MAX_DEPTH = 20  # of scripts that call for others
 MAX_LINES = 500_000
 MAX_FAULTS = 50
 VARIABLE = re.compile(r"(?:^|[\s,=|\[({\"'])@")
+PLAIN = re.compile(r"[\w.+*/^% -]*", re.ASCII)
 FULL, NO_TIME, NO_BUSES = 1, 512, 1024  # what the engine's JSON holds
 
 
@@ -58,6 +59,7 @@ class Session:
         self.own_folder = self.engine.DataPath
         self.made: set[str] = set()
         self.lines = 0
+        self.stopped = False
         self.active_class = ""
         self.failed = False  # the last element could not be made, and lines that go on about it mean nothing
 
@@ -74,9 +76,16 @@ class Session:
             return folder
         for line in lines:
             self.lines += 1
-            if len(self.faults) >= MAX_FAULTS or self.lines > MAX_LINES:
-                if self.lines == MAX_LINES + 1:
-                    self.fault("I041", place, f"more than {MAX_LINES:,} lines in all")
+            if self.stopped:
+                return folder
+            if self.lines > MAX_LINES or len(self.faults) >= MAX_FAULTS:
+                self.stopped = True
+                many = (
+                    f"more than {MAX_LINES:,} lines in all"
+                    if self.lines > MAX_LINES
+                    else "more faults are not looked for"
+                )
+                self.fault("I041", place, many)
                 return folder
             where = f"{_shown(path, root)}:{line.number}"
             try:
@@ -111,7 +120,7 @@ class Session:
             self.run_element("", line.text, words, where, folder)
             return folder
         verb = resolve(word, self.commands)
-        if verb is None:
+        if verb is None or word not in line.text:
             self.fault("I044", where, f"{word[:60]!r} is no command of OpenDSS")
             return folder
         lower = verb.lower()
@@ -154,6 +163,8 @@ class Session:
             lower = option.lower() if option else ""
             if option is None:
                 self.fault("I044", where, f"{(name or value)[:60]!r} is no option that `Set` knows")
+            elif lower in OPTIONS_RUN and not PLAIN.fullmatch(value):
+                self.fault("I043", where, f"`Set {option}` with {value[:40]!r}, which is no plain value")
             elif lower in OPTIONS_REFUSED or (lower == "cktmodel" and not value.lower().startswith("m")):
                 self.fault("I043", where, f"`Set {option}={value[:40]}` is not run by an import")
             elif lower in OPTIONS_RUN:
