@@ -265,6 +265,7 @@ def read_fixed(tmp_path: Path, text: str, placement: Placement = GRID, settings:
     ("text", "code", "named", "says"),
     [
         ("new load.a bus1=b.1 phases=1 kv=0.23 kw=1 pf=1", "I047", "load.a", "one phase, at b.1, without"),
+        ("new load.a bus1=b.1.1 phases=1 kv=0.23 kw=1 pf=1", "I047", "load.a", "one phase, at b.1.1, without"),
         ("new load.a bus1=b.1.2 phases=2 kv=0.4 kw=1 pf=1", "I047", "load.a", "2 phases"),
         ("new load.a bus1=b.1.2.2 kv=0.4 kw=1 pf=1", "I047", "load.a", "b.1.2.2"),
         ("new line.a bus1=b.1.2.3 bus2=c.2.3.1 r1=1 x1=1", "I047", "line.a", "in one order"),
@@ -379,6 +380,10 @@ def test_every_element_is_accounted_for_once(placement: Placement, feeder: Engin
     assert len(names) == 24
     found = Counter(draft.mapped) + Counter(dict.fromkeys((u.element for u in draft.unmapped), 1))
     assert found == names
+    assert {
+        ("load.cvr", "its load shape is ignored"),
+        ("load.one", "with load.two and load.three one balanced load"),
+    } <= {(note.element, note.text) for note in draft.notes}
 
 
 def test_the_equilibrium_is_the_power_flow_of_opendss(feeder: Engine) -> None:

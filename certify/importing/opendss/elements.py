@@ -82,11 +82,8 @@ def to_element(raw: dict[str, Any]) -> Element:
     """An element from what the engine's process has written."""
     flat = raw["admittance"]
     size = math.isqrt(len(flat) // 2)
-    # The engine stores columns; its matrices are not all symmetric, so that counts.
-    columns = [
-        [complex(flat[2 * (c * size + r)], flat[2 * (c * size + r) + 1]) for r in range(size)] for c in range(size)
-    ]
-    rows = tuple(tuple(columns[c][r] for c in range(size)) for r in range(size))
+    entries = [complex(*flat[2 * k : 2 * k + 2]) for k in range(size * size)]  # symmetric: rows are columns
+    rows = tuple(tuple(entries[k * size : (k + 1) * size]) for k in range(size))
     return Element(
         raw["name"],
         raw["kind"],
