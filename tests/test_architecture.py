@@ -47,6 +47,7 @@ LAYERS = [
     "load_tables",
     "exits",
     "gating",
+    "importing",
     "report",
     "explaining",
     "commands",

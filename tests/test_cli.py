@@ -115,8 +115,8 @@ def test_every_code_that_is_used_is_explained(root: Path) -> None:
 
     used = set()
     for file in (root / "certify").rglob("*.py"):
-        used |= set(re.findall(r'"([SKPTU]\d{3})"', file.read_text()))
-    assert used == {code for code in DIAGNOSTICS if re.fullmatch(r"[SKPTU]\d{3}", code)}
+        used |= set(re.findall(r'"([SKPTUI]\d{3})"', file.read_text()))
+    assert used == {code for code in DIAGNOSTICS if re.fullmatch(r"[SKPTUI]\d{3}", code)}
 
 
 def test_explain_what_is_neither(capsys: pytest.CaptureFixture[str]) -> None:
