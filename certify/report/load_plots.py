@@ -14,6 +14,7 @@ from certify.kernel.reader import Pair
 from certify.report.figures import COLOURS, DASHES, WORDS, range_text, save, shorten_name, style
 from certify.report.load_maps import exponent_map, fraction_map
 from certify.report.load_margins import load_margins
+from certify.report.placing import spread
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -148,7 +149,7 @@ def _name_curves(ax: Axes, v: Floats, margins: Floats, names: Sequence[str], sta
     """Names at the right ends of the curves, moved apart where they would touch."""
     to_axes = ax.transScale + ax.transLimits
     ends = [min(max(float(to_axes.transform((v[-1], curve[-1]))[1]), 0.0), 1.0) for curve in margins]
-    places = _spread(ends, 0.055)
+    places = spread(ends, 0.055)
     for i, name in enumerate(names):
         ax.annotate(
             shorten_name(name),
@@ -162,29 +163,6 @@ def _name_curves(ax: Axes, v: Floats, margins: Floats, names: Sequence[str], sta
             parse_math=False,
             arrowprops={**LEADER, "color": COLOURS[statuses[i]]},
         )
-
-
-def _spread(heights: Sequence[float], gap: float) -> list[float]:
-    """Heights at least `gap` apart, in the same order and each group that touches around its mean.
-
-    >>> [round(x, 2) for x in _spread([0.5, 0.1, 0.5], 0.1)]
-    [0.45, 0.1, 0.55]
-    """
-    order = sorted(range(len(heights)), key=heights.__getitem__)
-    groups: list[list[float]] = []  # of what each height would be if the gaps before it were taken away
-    for rank, i in enumerate(order):
-        groups.append([heights[i] - rank * gap])
-        while len(groups) > 1 and _mean(groups[-2]) > _mean(groups[-1]):
-            last = groups.pop()
-            groups[-1] += last
-    places = list(heights)
-    for rank, (i, base) in enumerate(zip(order, (_mean(g) for g in groups for _ in g), strict=True)):
-        places[i] = base + rank * gap
-    return places
-
-
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)
 
 
 def _summary(statuses: Sequence[str], band: Pair) -> str:
