@@ -114,6 +114,26 @@ class Falsifier:
                     progress(len(found.tried), total)
         return found
 
+    def edge_state(self, share: float = SHARES[0]) -> Array | None:
+        """A state in the order of the plant with H = `share` c on each island with a level c; None if none has one.
+
+        On each of them it is moved as far as that goes towards what sets the level.
+        """
+        x, found = self.storage.rest.copy(), False
+        for first in self.storage.first:
+            region = self.claimed.regions.get(first)
+            if region is None or region.level is None:
+                continue
+            places = self._places(first)
+            factor = scipy.linalg.cholesky(self.storage.P[places][:, places].toarray(), lower=True)
+            cases = [case for case in self._cases(first) if region.limit == case[2]] or self._cases(first)
+            row, _, _ = min(cases, key=lambda case: abs(case[1] - region.margin))
+            direction = scipy.linalg.solve_triangular(factor, row[places], lower=True)
+            direction *= numpy.sqrt(2 * share * region.level) / numpy.linalg.norm(direction)
+            x[places] += scipy.linalg.solve_triangular(factor.T, direction)
+            found = True
+        return x if found else None
+
     def _places(self, first: str) -> Any:
         k = self.storage.first.index(first)
         of_island = numpy.flatnonzero(self.storage.island_of == k)
@@ -145,11 +165,9 @@ class Falsifier:
             return "improved", step / numpy.linalg.norm(step)
         return "random", self._random(len(places))
 
-    def _worst_cases(self, first: str, places: Any, factor: Array) -> list[Array]:
-        """Directions in which a voltage of a load, or of an inverter's terminals, moves farthest for its H.
-
-        Of all such quantities e'x the nearest to their ends come first: H = c moves e'x by sqrt(2 c e'P^-1 e).
-        """
+    def _cases(self, first: str) -> list[tuple[Array, float, str]]:
+        """All voltages of loads, and of inverters with limits, of an island: e of e'x, how far it is from an end, and
+        how a region's limit calls it."""
         plant, rest, cases = self.plant, self.storage.rest, []
         V = plant.loaded_voltages(rest).reshape(-1, 2)
         k = self.storage.first.index(first)
@@ -158,15 +176,24 @@ class Falsifier:
             away = V[j] - centre
             size = float(numpy.linalg.norm(away))
             row = (away / size) @ plant.S[2 * j : 2 * j + 2].toarray() if size else plant.S[2 * j].toarray()[0]
-            cases += [(sign * row[places], room) for sign, room in ((1.0, high - size), (-1.0, size - low))]
-        asked = plant.asked(rest)
+            what = f"node {plant.loaded[j]}"
+            cases += [(sign * row, room, what) for sign, room in ((1.0, high - size), (-1.0, size - low))]
+        asked, places, names = plant.asked(rest), self._places(first), list(plant.inverters)
         for j in numpy.flatnonzero(numpy.isfinite(plant.limits)):
             row = plant.K[j].toarray()[0]
             if numpy.any(row[places]):
-                cases += [(sign * row[places], plant.limits[j] - sign * asked[j]) for sign in (1.0, -1.0)]
+                what = f"the terminal voltage of the DGU at node {names[j // 2]}, {'dq'[j % 2]}"
+                cases += [(sign * row, plant.limits[j] - sign * asked[j], what) for sign in (1.0, -1.0)]
+        return cases
+
+    def _worst_cases(self, first: str, places: Any, factor: Array) -> list[Array]:
+        """Directions in which a voltage of a load, or of an inverter's terminals, moves farthest for its H.
+
+        Of all such quantities e'x the nearest to their ends come first: H = c moves e'x by sqrt(2 c e'P^-1 e).
+        """
         reached = []
-        for row, room in cases:
-            direction = scipy.linalg.solve_triangular(factor, row, lower=True)
+        for row, room, _ in self._cases(first):
+            direction = scipy.linalg.solve_triangular(factor, row[places], lower=True)
             reach = float(numpy.linalg.norm(direction))
             if reach > 0 and room > 0:
                 reached.append((reach / room, direction / reach))

@@ -7,6 +7,7 @@ from typing import Any
 from certify.inputs import SpecSource, load
 from certify.kernel.claims import Context, Verdict
 from certify.kernel.model import node_capacitances
+from certify.kernel.spec import Microgrid
 from certify.search.nearest import NAMES, Suggestion, nearest_gains
 
 MOST = 8  # different DGUs for which gains are sought: a second each
@@ -17,7 +18,12 @@ def suggestions(spec: SpecSource, verdict: Verdict) -> dict[str, Suggestion]:
 
     Equal DGUs share the search. Raises: SpecError.
     """
-    context = Context(load(spec))
+    return suggest(load(spec), verdict)
+
+
+def suggest(grid: Microgrid, verdict: Verdict) -> dict[str, Suggestion]:
+    """As `suggestions`, for a microgrid that has been read."""
+    context = Context(grid)
     capacitances = node_capacitances(context.grid)
     memo: dict[Any, Suggestion | None] = {}
     found = {}
