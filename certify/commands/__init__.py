@@ -25,6 +25,7 @@ COMMANDS = (
     "tolerance",
     "loads",
     "simulate",
+    "report",
     "import",
     "completion",
 )
