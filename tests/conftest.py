@@ -13,6 +13,8 @@ from hypothesis import settings
 pytest_plugins = [] if "certify.testing.plugin" in sys.modules else ["certify.testing.plugin"]
 
 ROOT = Path(__file__).resolve().parent.parent
+# Every spec of the repository that is well formed; beside some of them lies a certificate.
+SPECS = [p for p in sorted((ROOT / "specs").glob("*.*")) if not p.name.endswith(".cert.json")]
 
 # A gate must give the same answer twice; at a desk new examples are welcome.
 settings.register_profile("ci", derandomize=True)

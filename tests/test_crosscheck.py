@@ -29,9 +29,8 @@ from certify.simulator.motion import Follower, natural_sizes
 from certify.simulator.plant import Array, Plant
 from certify.simulator.starts import start_state
 from tests.bench.networks import microgrid
-from tests.conftest import ROOT
+from tests.conftest import ROOT, SPECS
 
-SPECS = sorted(p for p in (ROOT / "specs").iterdir() if p.suffix in (".toml", ".json"))
 CIGRE = ROOT / "specs/cigre-mv.toml"
 TWO = ROOT / "specs/two-inverters.toml"
 

@@ -26,6 +26,7 @@ from certify.kernel.spec import ExpLoad, IdaPbc, LinearLoop, Microgrid, Node, St
 from certify.phases import Phase, read_phases, series_loads
 from certify.report.files import write_folder
 from certify.simulator.scenario import Target
+from tests.conftest import SPECS
 from tests.test_bad_input import GOOD
 
 CIGRE, PRINTED = "specs/cigre-mv.toml", "specs/cigre-mv-as-printed.toml"
@@ -129,9 +130,7 @@ def test_cigre_has_four_phases() -> None:
     assert grids[2].lines == whole.lines
 
 
-@pytest.mark.parametrize(
-    "file", sorted(set(Path("specs").glob("*.*")) - set(Path("specs").glob("*.cert.json"))), ids=lambda p: p.name
-)
+@pytest.mark.parametrize("file", SPECS, ids=lambda p: p.name)
 def test_a_phase_without_changes_is_the_microgrid(file: Path) -> None:
     text = file.read_text().split("\n[scenario.")[0]
     if file.suffix == ".json":

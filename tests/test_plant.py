@@ -22,10 +22,8 @@ from certify.kernel.spec import LinearLoop, Microgrid, Node
 from certify.rests import read_rest
 from certify.simulator.plant import Plant
 from tests.bench.networks import microgrid
-from tests.conftest import ROOT
+from tests.conftest import ROOT, SPECS
 from tests.test_equilibrium import oscillator
-
-SPECS = sorted(p for p in (ROOT / "specs").iterdir() if p.suffix in (".toml", ".json"))
 
 
 def rest_of(grid: Microgrid, data: bytes) -> tuple[Plant, numpy.ndarray]:

@@ -20,14 +20,13 @@ from certify.simulator.loads import StaticLoads
 from certify.simulator.motion import Follower, natural_sizes
 from certify.simulator.plant import Plant, to_phasors
 from certify.simulator.starts import flat_voltages, start_state
-from tests.conftest import ROOT
+from tests.conftest import ROOT, SPECS
 from tests.simulation_cases import SCENARIO, Case
 from tests.simulation_oracle import difference
 from tests.simulation_references import all_cases, read
 from tests.test_equilibrium import oscillator
 
 CASES = all_cases()
-SPECS = sorted(p for p in (ROOT / "specs").iterdir() if p.suffix in (".toml", ".json"))
 AGREEMENT = 1e-6  # of the largest modulus of a part
 
 

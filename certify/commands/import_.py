@@ -19,7 +19,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     from certify.report.importing import FORMATS
 
     listed = "; ".join(f"{name}: {form.what}" for name, form in FORMATS.items())
-    parser.add_argument("format", metavar="FORMAT", choices=FORMATS, help=listed)
+    parser.add_argument("format", metavar="FORMAT", choices=tuple(FORMATS), help=listed)
     parser.add_argument("file", metavar="FILE", help="the network (`certify explain pandapower`: what becomes of it)")
     parser.add_argument("-o", "--output", metavar="SPEC", help="where to write the spec (default: only report)")
     parser.add_argument("--dgu", metavar="BUS[,BUS..]", action="append", help="buses with a DGU, by index or name")
