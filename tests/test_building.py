@@ -59,7 +59,6 @@ def small() -> Spec:
         (numpy.array(0.25), Fraction(1, 4)),
         ("100 mohm", Fraction(1, 10)),
     ],
-    ids=repr,
 )
 def test_a_number_is_taken_for_what_was_typed(given_as: Any, exact: Fraction) -> None:
     grid = small().filter("x", R=given_as, L=1, C=1).node("b", filter="x", controller="phs", reference=400)
@@ -86,7 +85,6 @@ def test_a_number_is_taken_for_what_was_typed(given_as: Any, exact: Fraction) ->
         (1 + 1j, "S201"),
         (10**200, "S202"),
     ],
-    ids=repr,
 )
 def test_what_is_no_resistance_is_refused_at_once(bad: Any, code: str) -> None:
     with pytest.raises(SpecError) as refused:
