@@ -412,8 +412,10 @@ class _Search:
         for width in (6.0, 0.3):
             room = numpy.array([width] * 3 + [width * self.turn])
             bounds = numpy.array([numpy.minimum(z - room, z), numpy.maximum(z + room, z)]).T
-            bounds[:, 0] = numpy.maximum(bounds[:, 0], numpy.minimum(box[:, 0], z))
-            bounds[:, 1] = numpy.minimum(bounds[:, 1], numpy.maximum(box[:, 1], z))
+            # z itself stays inside by more than what is lost when bounds are scaled: a start beyond them is refused.
+            margin = 1e-9 * (1 + numpy.abs(z))
+            bounds[:, 0] = numpy.maximum(bounds[:, 0], numpy.minimum(box[:, 0], z - margin))
+            bounds[:, 1] = numpy.minimum(bounds[:, 1], numpy.maximum(box[:, 1], z + margin))
             done = differential_evolution(
                 value,
                 bounds[free],
