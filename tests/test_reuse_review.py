@@ -120,7 +120,7 @@ def test_what_is_taken_over_would_be_accepted(legs: str, part: int) -> None:
         assert (name, again(edited(change, spec), certificate.data, text(spec)).whole) == (name, None)
     for name, change in list(WHOLE.items())[part::2]:
         with pytest.raises(_WholeError):
-            pytest.fail(f"{name}: {_prove_changes(text(edited(change, spec)), certificate.data, None, None)}")
+            pytest.fail(f"{name}: {_prove_changes(text(edited(change, spec)), certificate.data, None, None, False)}")
 
 
 # --- the memory of this machine ---------------------------------------------------------------------------------------
