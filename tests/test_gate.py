@@ -100,10 +100,10 @@ def test_the_kernel_checks_it_for_real(
 ) -> None:
     """What this machine remembers to have accepted is not asked."""
     calls = []
-    from certify.gating import decide
+    from certify.gating import committed
 
-    real = decide.check
-    monkeypatch.setattr(decide, "check", lambda *data: (calls.append(data), real(*data))[1])
+    real = committed.check
+    monkeypatch.setattr(committed, "check", lambda *data: (calls.append(data), real(*data))[1])
     put(SINGLE, proofs[SINGLE])
     assert gate(capsys, SINGLE)[0] == 0
     assert gate(capsys, SINGLE)[0] == 0
@@ -163,13 +163,16 @@ def test_a_new_certificate_is_written_whatever_its_verdict(proofs: dict[str, byt
 @pytest.mark.usefixtures("here")
 def test_a_folder_of_certificates(capsys: Capture) -> None:
     put(SINGLE, as_="grids/a.toml")
-    Path("certs/grids").mkdir(parents=True)
+    Path("certs").mkdir()
     assert gate(capsys, "--certificates", "certs", "--require-certificate", "grids/a.toml")[0] == 3
     assert (
         only(gate(capsys, "--certificates", "certs", "--write", "grids/a.toml")[1])["certificate"]["written"]
         == "certs/a.cert.json"
     )
-    Path("certs/a.cert.json").rename("certs/grids/a.cert.json")  # by the path of the spec, too
+    Path("certs/grids").mkdir()  # where there are its folders, that of another spec of this name is not taken
+    found = only(gate(capsys, "--certificates", "certs", "grids/a.toml")[1])["certificate"]
+    assert (found["state"], found["path"]) == ("none", None)
+    Path("certs/a.cert.json").rename("certs/grids/a.cert.json")
     found = only(gate(capsys, "--certificates", "certs", "grids/a.toml")[1])["certificate"]
     assert (found["state"], found["path"]) == ("fresh", "certs/grids/a.cert.json")
     assert main(["gate", "--certificates", "nowhere", "grids/a.toml"]) == 2

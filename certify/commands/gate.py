@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from fnmatch import fnmatchcase
+from pathlib import Path
 from typing import Any
 
 from certify.commands.common import add_method, add_stamp, bad_input, progress_bar, read_again
@@ -121,11 +122,7 @@ def run(options: argparse.Namespace) -> int:
         yield from decide_specs(specs, policy, progress_bar, options.jobs)
 
     for decision in decisions():
-        result = judge(decision, policy, before.get(decision.spec))
-        try:
-            result = _kept(result, options)
-        except SpecError as error:
-            unwritten += error.faults
+        result = _kept(judge(decision, policy, before.get(decision.spec)), options)
         results.append(result)
         if not options.json:
             print(render_spec(result, policy, places.shown, colour), flush=True)
@@ -190,14 +187,18 @@ def _before(baseline: Baseline, spec: str, certificates: str | None) -> Any:
 
 
 def _kept(result: SpecResult, options: argparse.Namespace) -> SpecResult:
-    """The result, its new certificate written if that is asked for. Raises: SpecError."""
+    """The result, its new certificate written if that is asked for; if it cannot be, the spec fails in every report."""
     from certify.report.gate_files import write_certificate
 
     if not options.write or result.decision.proof is None:
         return result
-    path = certificate_path(result.decision.spec, options.certificates)
-    write_certificate(path, result.decision.proof)
-    return replace(result, written=str(path))
+    path = str(certificate_path(result.decision.spec, options.certificates))
+    try:
+        write_certificate(Path(path), result.decision.proof)
+    except SpecError as error:
+        failed = tuple(Problem("certificate", path, fault, USAGE) for fault in error.faults)
+        return replace(result, decision=replace(result.decision, problems=(*result.decision.problems, *failed)))
+    return replace(result, written=path)
 
 
 def _unknown_names(results: list[SpecResult], policy: Policy) -> list[str]:

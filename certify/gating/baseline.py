@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from certify.gating.committed import certificate_path, inside
+from certify.gating.committed import OTHER_SPEC, certificate_path, inside
 from certify.gating.judge import RANK
 from certify.inputs import read
 from certify.kernel.check import FORMAT, check, read_certificate
@@ -26,6 +26,7 @@ class Baseline:
         """`source`: a folder of certificates, or a file that `certify gate --json` has printed. Raises: SpecError."""
         self.source = source
         self.results: dict[str, Mapping[str, str]] | None = None
+        self.taken: dict[str, str] = {}  # which spec a certificate has been taken for
         if not os.path.isdir(source):
             self.results = _read_results(source)
 
@@ -42,6 +43,11 @@ class Baseline:
             return None
         if committed is not None and os.path.realpath(path) == os.path.realpath(committed):
             raise _unusable(f"{path} is the certificate that is judged; take the baseline from the base branch")
+        other = self.taken.setdefault(os.path.realpath(path), spec)
+        if other != spec:
+            raise _unusable(
+                f"{path} is found for {other} and for {spec}; put each where its spec is: {self.source}/PATH"
+            )
         try:
             certificate = read(path)
             document = read_certificate(certificate)
@@ -60,7 +66,7 @@ def _check_if_possible(spec: Path, certificate: bytes, path: Path) -> None:
     try:
         check(read(spec), certificate)
     except Rejected as rejection:
-        if rejection.code != "K103":  # about another state of that spec
+        if rejection.code != OTHER_SPEC:  # another state of that spec
             raise _unusable(f"{path} is rejected: {rejection}") from None
     except SpecError:
         return

@@ -1,4 +1,4 @@
-"""Committed certificates: which file belongs to a spec, and whether it still is about it."""
+"""Committed certificates: which file belongs to a spec, and what it says of it as long as it still is about it."""
 
 from __future__ import annotations
 
@@ -9,17 +9,22 @@ from pathlib import Path
 from certify.exits import EXIT_CODES, USAGE
 from certify.gating.policy import Policy
 from certify.gating.results import Problem
-from certify.kernel.errors import Fault
+from certify.inputs import decode_all
+from certify.kernel.check import check
+from certify.kernel.claims import Verdict
+from certify.kernel.errors import Fault, Rejected
 from certify.provenance import TIME_FORMAT
 
 SUFFIX = ".cert.json"
+OTHER_SPEC = "K103"  # how the kernel refuses a certificate that is about another text
 CLOCKS = 300  # seconds that clocks of different machines may differ by
 
 
 def certificate_path(spec: str, folder: str | None = None) -> Path:
     """Where the certificate of a spec is: beside it, or in a folder; NAME.cert.json for NAME.toml or NAME.json.
 
-    In a folder the path of the spec may be there too: DIR/grids/a.cert.json or else DIR/a.cert.json for grids/a.toml.
+    In a folder the path of the spec may be there too: for grids/a.toml it is DIR/grids/a.cert.json if there is a folder
+    DIR/grids, else DIR/a.cert.json.
 
     >>> certificate_path("grids/a.toml").as_posix()
     'grids/a.cert.json'
@@ -30,10 +35,25 @@ def certificate_path(spec: str, folder: str | None = None) -> Path:
 
 
 def inside(folder: str, path: Path) -> Path:
-    """The file of this path in a folder if it is there, else that of its name alone."""
+    """The file of this path in a folder if that has the folders of the path, else that of its name alone."""
     relative = os.path.relpath(path)
     whole = Path(folder) / relative
-    return whole if not relative.startswith("..") and os.path.exists(whole) else Path(folder) / path.name
+    return whole if not relative.startswith("..") and os.path.isdir(whole.parent) else Path(folder) / path.name
+
+
+def check_committed(spec: bytes, certificate: bytes) -> Verdict | None:
+    """What the kernel says by a committed certificate; None if it is about another state of the spec.
+
+    A spec that nothing would be proved of is not passed either: its scenarios count, which the kernel does not read.
+    Raises: SpecError with every fault of the spec; Rejected if the certificate does not prove what it says.
+    """
+    decode_all(spec)
+    try:
+        return check(spec, certificate)
+    except Rejected as rejection:
+        if rejection.code != OTHER_SPEC:
+            raise
+        return None
 
 
 def stem(name: str) -> str:

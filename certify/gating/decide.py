@@ -18,16 +18,13 @@ from pathlib import Path
 from typing import Any
 
 from certify.exits import EXIT_CODES, USAGE
-from certify.gating.committed import certificate_path, too_old
+from certify.gating.committed import certificate_path, check_committed, too_old
 from certify.gating.policy import Policy
 from certify.gating.results import Committed, Decision, Problem
 from certify.inputs import decode_all, read
-from certify.kernel.check import check
 from certify.kernel.errors import Fault, Rejected, SpecError
 from certify.provenance import read_created
 from certify.verdicts import read_notes
-
-_OTHER_SPEC = "K103"
 
 
 def decide(spec: str, policy: Policy, progress: Any = None) -> Decision:
@@ -53,22 +50,21 @@ def decide(spec: str, policy: Policy, progress: Any = None) -> Decision:
             return decision(digest, Committed("none", str(path)), _bad(error.faults, str(path)))
         committed = Committed("stale", str(path), hashlib.sha256(certificate).hexdigest())
         try:
-            verdict = check(data, certificate)
-        except SpecError:
-            return decision(digest, committed, _bad(_all_faults(data), spec))
+            verdict = check_committed(data, certificate)
+        except SpecError as error:
+            return decision(digest, committed, _bad(error.faults, spec))
         except Rejected as rejection:
-            if rejection.code != _OTHER_SPEC:
-                committed = replace(committed, state="rejected")
-                return decision(digest, committed, (_rejected(rejection, str(path)),))
-            said = json.loads(certificate)["verdict"]
-            committed = replace(committed, said=said if isinstance(said, str) and said in EXIT_CODES else None)
-        else:
-            document = json.loads(certificate)
+            committed = replace(committed, state="rejected")
+            return decision(digest, committed, (_rejected(rejection, str(path)),))
+        document = json.loads(certificate)
+        if verdict is not None:
             aged = too_old(read_created(document), str(path), policy)
             committed = replace(committed, state="fresh")
             return decision(
                 digest, committed, (aged,) if aged else (), verdict=verdict, reasons=read_notes(certificate)
             )
+        said = document["verdict"]
+        committed = replace(committed, said=said if isinstance(said, str) and said in EXIT_CODES else None)
     if policy.require:
         missing = _missing(spec, committed, path)
         faults = _all_faults(data)

@@ -52,6 +52,8 @@ def is_folder(path: str) -> bool:
 
 def _why_not(path: str, may_be_folder: bool) -> str:
     """Why a file cannot be written there, as far as can be told without trying; empty if it seems that it can."""
+    if not path:
+        return "it has no name"
     if may_be_folder and is_folder(path):
         folder = Path(path) if os.path.exists(path) else Path(os.path.normpath(path)).parent
     elif os.path.isdir(path) or path.endswith(("/", os.sep)):
@@ -81,6 +83,11 @@ def write_files(options: argparse.Namespace, result: GateResult) -> list[str]:
             from certify.report.files import write_folder
 
             write_folder(os.path.normpath(options.statement), to_statements(result), "--statement")
+            told += [
+                f"{options.statement} gets no statement about {spec.decision.spec}, which could not be read"
+                for spec in result.specs
+                if spec.decision.sha256 is None
+            ]
         elif data := to_statement(result.specs):
             _write("--statement", options.statement, data)
         else:

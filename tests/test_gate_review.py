@@ -1,0 +1,119 @@
+"""The gate against those who would like to pass it: each case has passed, or has told the wrong thing, once."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from certify.certificate import prove, write_certificate
+from certify.cli import main
+from certify.kernel.check import check
+from certify.kernel.errors import Fault, SpecError
+from certify.kernel.spec import decode
+from certify.search.prove import find_claims
+from tests.conftest import ROOT
+
+SINGLE = (ROOT / "specs" / "single-inverter.toml").read_bytes()
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def claims_alone(spec: bytes) -> bytes:
+    """A certificate that the kernel accepts, of a spec that `prove` refuses because of its scenario."""
+    found = find_claims(decode(spec))
+    notes = found.pop("notes")
+    certificate = write_certificate(spec, found, notes)
+    assert check(spec, certificate).outcome == "certified"
+    return certificate
+
+
+def test_a_certificate_does_not_excuse_a_faulty_scenario(capsys: Capture) -> None:
+    """The kernel does not read scenarios, and a spec that cannot be proved as a whole may not pass by parts."""
+    spec = SINGLE + b'\n[scenario.x]\nend = "-3 s"\nbogus = 1\n'
+    Path("a.toml").write_bytes(spec)
+    Path("a.cert.json").write_bytes(claims_alone(spec))
+    assert main(["gate", "--json", "a.toml"]) == 2
+    (found,) = json.loads(capsys.readouterr().out)["results"]
+    assert found["outcome"] == "bad input"
+    assert [problem["code"] for problem in found["problems"]] == ["S101", "S208"]
+
+
+def test_a_certificate_that_cannot_be_kept_fails_in_every_report(
+    monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """Such as on a disk that is full: exit code 2, and no statement says that all is well."""
+
+    def full(path: Path, _: bytes) -> None:
+        raise SpecError((Fault("U001", "--write", f"cannot write {path}: No space left on device"),))
+
+    monkeypatch.setattr("certify.report.gate_files.write_certificate", full)
+    Path("a.toml").write_bytes(SINGLE)
+    outputs = ["--statement", "t.json", "--junit", "j.xml", "--sarif", "s.sarif"]
+    assert main(["gate", "--write", *outputs, "a.toml"]) == 2
+    output = capsys.readouterr().out
+    assert "cannot write a.cert.json: No space left on device" in output
+    assert "0 of 1 certified" in output
+    statement = json.loads(Path("t.json").read_text())["predicate"]
+    assert (statement["result"], statement["failedTests"]) == ("FAILED", ["a.toml#U001 --write"])
+    assert ElementTree.parse("j.xml").getroot().get("errors") == "0"
+    assert ElementTree.parse("j.xml").getroot().get("failures") == "1"
+    (run,) = json.loads(Path("s.sarif").read_text())["runs"]
+    assert run["invocations"][0]["exitCode"] == 2
+    assert [entry["kind"] for entry in run["results"]].count("fail") == 1
+
+
+def printed(*paths: str) -> None:
+    for path in paths:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / "specs" / "cigre-mv-as-printed.toml", path)
+
+
+@pytest.fixture(scope="module")
+def refuted() -> bytes:
+    return prove(ROOT / "specs" / "cigre-mv-as-printed.toml").data
+
+
+def gate(capsys: Capture, *arguments: str) -> tuple[int, Any, str]:
+    code = main(["gate", "--json", *arguments])
+    output = capsys.readouterr()
+    return code, json.loads(output.out), output.err
+
+
+def test_a_baseline_excuses_no_other_spec_of_the_same_name(refuted: bytes, capsys: Capture) -> None:
+    printed("x/a.toml", "y/a.toml")
+    Path("base").mkdir()
+    Path("base/a.cert.json").write_bytes(refuted)
+    assert gate(capsys, "--baseline", "base", "x/a.toml")[0] == 0
+    code, found, _ = gate(capsys, "--baseline", "base", "x/a.toml", "y/a.toml")
+    assert code == 2
+    assert [fault["code"] for fault in found["faults"]] == ["U014"]
+    assert "is found for x/a.toml and for y/a.toml" in found["faults"][0]["message"]
+    Path("base/x").mkdir()  # a tree as of the base branch, in which x/a.toml has no certificate
+    code, found, _ = gate(capsys, "--baseline", "base", "x/a.toml")
+    assert (code, found["results"][0]["in_baseline"]) == (1, False)
+
+
+def test_a_folder_of_statements_tells_what_it_leaves_out(capsys: Capture) -> None:
+    Path("out").mkdir()
+    Path("out/b.intoto.json").write_text("of another day")
+    Path("a.toml").write_bytes(SINGLE)
+    assert main(["gate", "--statement", "out", "a.toml", "b.toml"]) == 2
+    assert "warning: out gets no statement about b.toml, which could not be read" in capsys.readouterr().err
+    assert {path.name for path in Path("out").iterdir()} == {"a.intoto.json", "b.intoto.json"}
+
+
+def test_an_output_without_a_name_is_refused_before_the_work(capsys: Capture) -> None:
+    Path("a.toml").write_bytes(SINGLE)
+    for option in ("--sarif", "--junit", "--statement"):
+        assert main(["gate", option, "", "a.toml"]) == 2
+        assert "it has no name" in capsys.readouterr().err
