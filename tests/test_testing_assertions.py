@@ -85,6 +85,8 @@ def test_conditional_passes_only_by_name() -> None:
     assert "to pass, it needs allow equilibrium/a" in message
     assert assert_certified(CONDITIONAL, allow=["equilibrium/a"]).verdict.outcome == "conditional"
     assert_certified(CONDITIONAL, allow="equilibrium/a")
+    assert_certified(CONDITIONAL, allow="equilibrium/*")  # patterns, as in the gate
+    assert "conditional" in said(assert_certified, CONDITIONAL, allow="region/*")
     assert "conditional" in said(assert_certified, CONDITIONAL, allow=["equilibrium/b", "balanced"])
     assert "should not be" in said(assert_not_certified, CONDITIONAL, allow=["equilibrium/a"])
     assert_not_certified(CONDITIONAL)

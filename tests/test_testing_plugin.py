@@ -17,7 +17,9 @@ import scipy.optimize  # noqa: F401  # pytest inside of pytest forgets what it h
 
 import certify.testing.items
 import certify.testing.strategies  # noqa: F401
-from certify.certificate import prove
+from certify.certificate import prove, write_certificate
+from certify.kernel.spec import decode
+from certify.search.prove import find_claims
 from tests.conftest import ROOT
 
 pytest_plugins = ["pytester"]
@@ -223,6 +225,48 @@ def test_a_broken_certificate_fails_the_item_and_the_fixture(change, code: str, 
     result.assert_outcomes(failed=1, errors=1)
     assert text_of(result).count(f"rejected[{code}]: the certificate beside good.microgrid.toml does not prove") == 2
     assert "Traceback" not in text_of(result)
+
+
+def test_a_certificate_beside_a_spec_excuses_no_scenario(pytester: pytest.Pytester, run) -> None:  # type: ignore[no-untyped-def]
+    """The kernel does not read scenarios; a spec that `prove` refuses does not pass by a certificate."""
+    spec = f'{FEEDER}\n[scenario.x]\nend = "-3 s"\n'.encode()
+    found = find_claims(decode(spec))
+    notes = found.pop("notes")
+    pytester.path.joinpath("good.microgrid.toml").write_bytes(spec)
+    pytester.path.joinpath("good.microgrid.cert.json").write_bytes(write_certificate(spec, found, notes))
+    pytester.makepyfile(
+        """
+        import pytest
+        from certify.testing import assert_certified
+
+        @pytest.mark.certify_spec("good.microgrid.toml")
+        def test_fixture(certify_verdict):
+            assert certify_verdict.outcome == "certified"
+
+        def test_assertion():
+            assert_certified("good.microgrid.toml", certificate="good.microgrid.cert.json")
+        """
+    )
+    result = run()
+    result.assert_outcomes(failed=2, errors=1)
+    assert text_of(result).count("S208") >= 3
+
+
+def test_a_verdict_is_not_true(pytester: pytest.Pytester, run) -> None:  # type: ignore[no-untyped-def]
+    """`assert certify_verdict` has passed for a refuted spec."""
+    pytester.path.joinpath("bad.toml").write_text(REFUTED)
+    pytester.makepyfile(
+        """
+        import pytest
+
+        @pytest.mark.certify_spec("bad.toml")
+        def test(certify_verdict):
+            assert certify_verdict
+        """
+    )
+    result = run()
+    result.assert_outcomes(failed=1)
+    assert 'write assert certify_verdict.outcome == "certified"' in text_of(result)
 
 
 # --- the marker and its fixtures ----------------------------------------------------------------------------------

@@ -42,6 +42,19 @@ def open_names(verdict: Verdict) -> list[str]:
     return [name for name, _ in verdict.assumptions if "/" in name]
 
 
+def may_pass(verdict: Verdict, policy: Policy) -> bool:
+    """Whether a spec is certified, or conditional on nothing but what is allowed: the same as no claim that counts."""
+    if verdict.outcome == "conditional":
+        names = open_names(verdict)
+        return bool(names) and all(policy.allows(name) for name in names)
+    return verdict.outcome == "certified"
+
+
+def missing_names(verdict: Verdict, policy: Policy) -> list[str]:
+    """The assumptions that a verdict rests on and that are not allowed."""
+    return [name for name in open_names(verdict) if not policy.allows(name)]
+
+
 def _standing(claim: Claim, verdict: Verdict, policy: Policy, before: Mapping[str, str]) -> str:
     if claim.status == "proved":
         return PASSED

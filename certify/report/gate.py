@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from certify.diagnostics import DIAGNOSTICS
-from certify.gating.judge import open_names
+from certify.gating.judge import missing_names
 from certify.gating.policy import Policy
 from certify.gating.results import ALLOWED, FAILED, UNCHANGED, GateResult, Problem, SpecResult
 from certify.report.machine import verdict_to_dict
@@ -53,8 +53,7 @@ def _claims(result: SpecResult, policy: Policy) -> list[str]:
         lines.append(f"{entry.claim.status} {entry.claim.id} ({entry.claim.rule or entry.reason}){was}")
     verdict = result.decision.verdict
     if verdict is not None and result.of(FAILED):
-        names = [name for name in open_names(verdict) if not policy.allows(name)]
-        lines += [f"to pass, it needs --allow {name}" for name in names]
+        lines += [f"to pass, it needs --allow {name}" for name in missing_names(verdict, policy)]
         if result.decision.committed.state == "fresh" and any(x.claim.status == "unknown" for x in result.of(FAILED)):
             lines.append("by its certificate, which is not searched again; `certify prove SPEC -o CERT` does")
     return lines

@@ -13,8 +13,10 @@ from typing import Any, NoReturn
 
 from certify.certificate import Certificate, prove
 from certify.checking import check
-from certify.inputs import to_bytes
-from certify.kernel.claims import Claim, Verdict
+from certify.gating.judge import may_pass, missing_names
+from certify.gating.policy import Policy
+from certify.inputs import decode_all, to_bytes
+from certify.kernel.claims import Claim
 from certify.kernel.errors import Rejected, SpecError
 from certify.testing.assembly import FREQUENCY, dgu_spec
 from certify.testing.records import note
@@ -22,19 +24,20 @@ from certify.testing.tracing import unexplained
 from certify.testing.words import about, claim_in_words, faults_in_words, file_of, spec_in_words, verdict_in_words
 
 
-def assert_certified(spec: Any, *, allow: Iterable[str] = (), certificate: Any = None) -> Certificate:
+def assert_certified(spec: Any, *, allow: str | Iterable[str] = (), certificate: Any = None) -> Certificate:
     """The spec is certified - or conditional on nothing but assumptions of the ledger that `allow` names.
 
-    `certificate`: one to check (bytes or a path) instead of a proof. Raises: AssertionError; SpecError.
+    `allow`: names such as sampled/9, or patterns such as "sampled/*", as in `certify gate --allow`. `certificate`: one
+    to check (bytes or a path) instead of a proof. Raises: AssertionError; SpecError.
 
     >>> assert_certified("specs/two-inverters.toml").verdict.outcome
     'certified'
     """
     __tracebackhide__ = True
     data, found = _found(spec, certificate)
-    missing = missing_names(found.verdict, allow)
-    if found.verdict.outcome != "certified" and (found.verdict.outcome != "conditional" or missing):
-        _fail(verdict_in_words(found, f"certified: {about(spec)}", missing), spec, data)
+    policy = allowing(allow)
+    if not may_pass(found.verdict, policy):
+        _fail(verdict_in_words(found, f"certified: {about(spec)}", missing_names(found.verdict, policy)), spec, data)
     return found
 
 
@@ -63,16 +66,15 @@ def assert_refuted(spec: Any, claim: str | None = None, *, certificate: Any = No
     return found
 
 
-def assert_not_certified(spec: Any, *, allow: Iterable[str] = (), certificate: Any = None) -> Certificate:
+def assert_not_certified(spec: Any, *, allow: str | Iterable[str] = (), certificate: Any = None) -> Certificate:
     """The spec is not certified, be it refuted, unknown, or conditional on more than `allow` names.
 
     Raises: AssertionError; SpecError.
     """
     __tracebackhide__ = True
     data, found = _found(spec, certificate)
-    outcome = found.verdict.outcome
-    if outcome == "certified" or (outcome == "conditional" and not missing_names(found.verdict, allow)):
-        _fail(f"certified, and should not be: {about(spec)} ({outcome})", spec, data)
+    if may_pass(found.verdict, allowing(allow)):
+        _fail(f"certified, and should not be: {about(spec)} ({found.verdict.outcome})", spec, data)
     return found
 
 
@@ -115,10 +117,9 @@ def assert_not_passive(
     return found
 
 
-def missing_names(verdict: Verdict, allow: Iterable[str]) -> tuple[str, ...]:
-    """The assumptions of the ledger that a conditional verdict rests on and that are not allowed."""
-    allowed = {allow} if isinstance(allow, str) else set(allow)
-    return tuple(name for name, _ in verdict.assumptions if "/" in name and name not in allowed)
+def allowing(names: str | Iterable[str]) -> Policy:
+    """What the gate would be asked for with these names or patterns."""
+    return Policy(allow=(names,) if isinstance(names, str) else tuple(names))
 
 
 def _passivity(filter: Any, controller: Any, frequency: Any) -> tuple[bytes, Certificate, Claim]:
@@ -144,6 +145,8 @@ def _found(spec: Any, certificate: Any) -> tuple[bytes, Certificate]:
     try:
         data = to_bytes(spec)
         with unexplained():
+            if certificate is not None:
+                decode_all(data)  # with its scenarios, which the kernel does not read and `prove` does
             found = prove(data) if certificate is None else check(data, certificate)
     except SpecError as error:
         told = "" if source or not data else f"\n\n{spec_in_words(data)}"

@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
+from certify.gating.judge import may_pass, missing_names
 from certify.inputs import read
 from certify.kernel.errors import Rejected, SpecError
-from certify.testing.assertions import missing_names
+from certify.testing.assertions import allowing
 from certify.testing.marked import certify_file, rejected_in_words
 from certify.testing.plugin import allowed
 from certify.testing.words import faults_in_words, verdict_in_words
@@ -47,12 +48,11 @@ class MicrogridItem(pytest.Item):
 
     def runtest(self) -> None:
         certificate, _ = certify_file(self.path, read(self.path), self.shown)
-        outcome = certificate.verdict.outcome
-        missing = missing_names(certificate.verdict, allowed(self.config)) if self.name == "certified" else ()
-        passes = outcome == self.name or (self.name == "certified" and outcome == "conditional" and not missing)
-        if not passes:
-            wanted = f"{self.name}: {self.shown}"
-            raise OtherVerdict(verdict_in_words(certificate, wanted, missing, "--certify-allow"))
+        verdict, policy = certificate.verdict, allowing(allowed(self.config))
+        wants_proof = self.name == "certified"
+        if not (may_pass(verdict, policy) if wants_proof else verdict.outcome == self.name):
+            missing = missing_names(verdict, policy) if wants_proof else ()
+            raise OtherVerdict(verdict_in_words(certificate, f"{self.name}: {self.shown}", missing, "--certify-allow"))
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         error = excinfo.value

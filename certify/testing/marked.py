@@ -13,39 +13,41 @@ from typing import Any, TypeVar
 import pytest
 
 from certify.certificate import Certificate, prove
-from certify.checking import check
+from certify.gating.committed import certificate_path, check_committed
 from certify.inputs import decode_all, read, to_bytes
-from certify.kernel.check import read_certificate
+from certify.kernel.claims import Verdict
 from certify.kernel.errors import Rejected, SpecError
 from certify.kernel.reader import read_document
 from certify.kernel.spec import Microgrid
 from certify.testing.records import Record, note
 from certify.testing.words import faults_in_words
+from certify.verdicts import read_notes
 
 Result = TypeVar("Result")
-CERTIFICATE = ".cert.json"  # in place of the last suffix of a spec
-
-
-def certificate_beside(path: Path, spec: bytes) -> Path | None:
-    """The certificate that lies beside a spec, if it is about these bytes: feeder.cert.json beside feeder.toml.
-
-    One about what the spec was before is none. Raises: SpecError or Rejected if it cannot be read.
-    """
-    target = path.with_suffix(CERTIFICATE)
-    if not target.is_file():
-        return None
-    return target if read_certificate(read(target))["spec_sha256"] == hashlib.sha256(spec).hexdigest() else None
 
 
 def certify_file(path: Path, spec: bytes, shown: str) -> tuple[Certificate, str]:
     """The certificate of a spec that was read from there, and how it was come by; noted for reports.
 
+    The certificate beside it is checked as `certify gate` does; one about an earlier state of the spec is none.
     Raises: SpecError; Rejected if what lies beside it does not prove what it says.
     """
-    beside = certificate_beside(path, spec)
-    found, how = (check(spec, beside), f"checked: {beside.name}") if beside else (prove(spec), "proved")
+    beside = certificate_path(str(path))
+    data = read(beside) if beside.exists() else None
+    verdict = None if data is None else check_committed(spec, data)
+    if data is None or verdict is None:
+        found, how = prove(spec), "proved"
+    else:
+        found, how = Certificate(data, verdict, read_notes(data), spec), f"checked: {beside.name}"
     note(spec, found.verdict, how, shown)
     return found, how
+
+
+class ToldVerdict(Verdict):
+    """A verdict that does not pass for true: `assert certify_verdict` would hold for a refuted spec as well."""
+
+    def __bool__(self) -> bool:
+        raise TypeError('a verdict is more than true or false; write assert certify_verdict.outcome == "certified"')
 
 
 @dataclass
