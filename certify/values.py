@@ -6,7 +6,9 @@ names it, so that 0.1 is 1/10, as it was typed; a Fraction is its decimal, or th
 
 from __future__ import annotations
 
+import math
 import numbers
+import re
 from collections.abc import Iterable, Mapping
 from decimal import Decimal
 from fractions import Fraction
@@ -16,6 +18,9 @@ from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import MAX_DIGITS, NumberText, shorten
 from certify.kernel.reader import shown
 
+# Y and I of a ZIP load are [active, reactive] parts: of a complex admittance the second has the other sign.
+_POWERS = re.compile(r"(?:^|\.)[YI]$")
+_PAIR = "give a pair [active, reactive]: Q = Y[1] v^2 + I[1] v, so that a complex admittance G + jB is [G, -B]"
 _CURRENTS = (".I[0]", ".I[1]")  # formulas too, in a load given by its current
 MAX_DEPTH = 20  # of lists and tables in each other; a spec needs six
 
@@ -48,7 +53,7 @@ def _plain(value: Any, path: str, faults: list[Fault], depth: int) -> Any:
             faults.append(
                 Fault("U030", path, "text with half a letter in it (a lone surrogate), which no file can hold")
             )
-        return str(value)
+        return str.__str__(value)  # of a subclass, such as a member of an Enum, what it holds and not how it is shown
     if isinstance(value, Mapping):
         return _table(value, path, faults, depth)
     if isinstance(value, list | tuple):
@@ -56,8 +61,15 @@ def _plain(value: Any, path: str, faults: list[Fault], depth: int) -> Any:
     if getattr(value, "dtype", None) is not None and getattr(value, "ndim", 0) > 0:  # an array of numpy, not imported
         return _list(value, path, faults, depth)
     if getattr(value, "dtype", None) is not None and hasattr(value, "__getitem__") and not _is_number(value):
-        return _plain(value[()], path, faults, depth + 1)  # an array without dimensions holds one value
+        inner = value[()]  # an array without dimensions holds one value
+        if type(inner) is not type(value):
+            return _plain(inner, path, faults, depth + 1)
+        if value.dtype.kind == "b":
+            return bool(value)
     if isinstance(value, numbers.Complex) and not isinstance(value, numbers.Real):
+        if _POWERS.search(path):
+            faults.append(Fault("U030", path, _PAIR))
+            return None
         return [_number(part, f"{path}{end}", faults) for part, end in ((value.real, "[0]"), (value.imag, "[1]"))]
     if _is_number(value):
         return _number(value, path, faults)
@@ -84,7 +96,8 @@ def _list(value: Iterable[Any], path: str, faults: list[Fault], depth: int) -> l
 
 def _is_number(value: Any) -> bool:
     """Whether it is a real or complex number; scalars of numpy have said so to `numbers`."""
-    return isinstance(value, numbers.Complex | Decimal)
+    duration = getattr(getattr(value, "dtype", None), "kind", "") == "m"  # which numpy takes for a whole number
+    return isinstance(value, numbers.Complex | Decimal) and not duration
 
 
 def _number(value: Any, path: str, faults: list[Fault]) -> Any:
@@ -97,12 +110,46 @@ def _number(value: Any, path: str, faults: list[Fault]) -> Any:
             message = f"{shorten(f'{exact}')} is no finite decimal, and only gains may be fractions; round it, as float"
             faults.append(Fault("U030", path, message))
         return decimal or f"{exact.numerator}/{exact.denominator}"
-    text = str(value)
-    if not any(digit in text for digit in "0123456789"):  # nan, inf
-        faults.append(Fault("S201", path, f"not a finite decimal number: {text}"))
+    if not _is_finite(value):
+        faults.append(Fault("S201", path, f"not a finite decimal number: {value}"))
+        return None
+    text = _decimal_text(value)
+    if text is None:
+        message = f"a value of type {type(value).__name__} that is not told to its last digit; give text, or a Fraction"
+        faults.append(Fault("U030", path, message))
         return None
     text = text.removesuffix(".0")
     return NumberText("0" if text == "-0" else text)
+
+
+def _is_finite(value: Any) -> bool:
+    if isinstance(value, Decimal):
+        return value.is_finite()
+    if isinstance(value, float):
+        return math.isfinite(value)
+    return bool(value - value == 0)
+
+
+def _decimal_text(value: Any) -> str | None:
+    """The shortest decimal that names a number, whatever is set for how numbers are shown; None if that is not known.
+
+    Numbers of other libraries may be shown with fewer digits than they have: theirs have to give them back.
+    """
+    if isinstance(value, float):
+        return float.__repr__(value)
+    if isinstance(value, Decimal):
+        return str(value)
+    if getattr(value, "dtype", None) is not None:
+        import numpy
+
+        plain = value == 0 or 1e-4 <= abs(float(value)) < 1e16
+        to_text = numpy.format_float_positional if plain else numpy.format_float_scientific
+        return str(to_text(value, unique=True, trim="-"))
+    text = str(value)
+    try:
+        return text if type(value)(text) == value else None
+    except (TypeError, ValueError, ArithmeticError):
+        return None
 
 
 def to_decimal_text(x: Fraction) -> NumberText | None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from decimal import Decimal
+from enum import Enum
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import mpmath
 import numpy
 import pytest
 from hypothesis import given, settings
@@ -20,9 +22,23 @@ from certify.editing import same
 from certify.inputs import to_bytes
 from certify.kernel.reader import read_document
 from certify.kernel.spec import IdaPbc, StateFeedback, ZipLoad, decode
+from certify.testing import Load
 from certify.values import to_plain
 
 TWO = "specs/two-inverters.toml"
+
+
+class Shown(float):
+    """A number that is shown as another one."""
+
+    def __str__(self) -> str:
+        return "7"
+
+
+class Word(str, Enum):  # noqa: UP042  # a StrEnum is shown as what it holds
+    """A text that is shown as its name."""
+
+    R = "0.1 ohm"
 
 
 def start(**more: Any) -> Spec:
@@ -58,6 +74,9 @@ def small() -> Spec:
         (numpy.int64(7), Fraction(7)),
         (numpy.array(0.25), Fraction(1, 4)),
         ("100 mohm", Fraction(1, 10)),
+        (mpmath.mpf("0.125"), Fraction(1, 8)),
+        (Shown(0.1), Fraction(1, 10)),
+        (Word.R, Fraction(1, 10)),
     ],
 )
 def test_a_number_is_taken_for_what_was_typed(given_as: Any, exact: Fraction) -> None:
@@ -84,6 +103,13 @@ def test_a_number_is_taken_for_what_was_typed(given_as: Any, exact: Fraction) ->
         ([1, 2], "S201"),
         (1 + 1j, "S201"),
         (10**200, "S202"),
+        pytest.param(10**5000, "S202", id="too long to be shown"),
+        (Decimal("NaN123"), "S201"),  # has digits, and is no number
+        (numpy.timedelta64(3, "s"), "U030"),
+        (numpy.datetime64("2020"), "U030"),
+        (numpy.ma.masked, "U030"),
+        (mpmath.mpf(1) / 3, "U030"),  # shown to 15 digits, of the 16 that it has
+        (numpy.bool_(True), "S201"),
     ],
 )
 def test_what_is_no_resistance_is_refused_at_once(bad: Any, code: str) -> None:
@@ -118,9 +144,30 @@ def test_arrays_fractions_and_phasors() -> None:
     assert ((300, 20), (Fraction(1, 50), 0)) == (load.P, load.Y)
 
 
-def test_a_complex_admittance_has_two_meanings_and_is_refused() -> None:
+@pytest.mark.parametrize("Y", [0.02 + 0.01j, numpy.complex64(0.02 + 0.01j), numpy.array(0.02 + 0.01j), mpmath.mpc(1)])
+def test_a_complex_admittance_has_two_meanings_and_is_refused(Y: Any) -> None:
+    """Wherever it is given: taken for [active, reactive] it would have the other sign."""
     with pytest.raises(SpecError, match=r"U030 at node\.a\.load\[1\]\.Y"):
-        small().load("a", Y=0.02 + 0.01j)
+        small().load("a", Y=Y)
+    with pytest.raises(SpecError, match=r"U030 at node\.b\.load\[0\]\.Y"):
+        small().node("b", load=[{"kind": "zip", "Y": Y}])
+    with pytest.raises(SpecError, match=r"U030 at node\.a\.load\[0\]\.I"):
+        small().replace({"node.a.load[0].I": Y})
+    with pytest.raises(SpecError, match="U030 at Y"):
+        Load(kind="zip", Y=Y)
+
+
+@pytest.mark.parametrize("kind", [numpy.float16, numpy.float32, numpy.float64, numpy.longdouble])
+def test_how_numpy_shows_numbers_changes_none(kind: Any) -> None:
+    x = kind(1) / kind(3)
+    plain = to_plain(x)
+    assert kind(str(plain)) == x
+    numpy.set_printoptions(legacy="1.13")
+    try:
+        shown = to_plain(x)
+    finally:
+        numpy.set_printoptions(legacy=False)
+    assert Fraction(str(shown)) == Fraction(str(plain))
 
 
 # --- kinds, names, places -------------------------------------------------------------------------------------------

@@ -67,15 +67,6 @@ def given(path: str, **values: Any) -> dict[str, Any]:
     return table
 
 
-def refuse_complex(values: dict[str, Any], path: str) -> None:
-    """Y and I of a ZIP load are [active, reactive] parts: of a complex admittance the second has the other sign.
-
-    Raises: SpecError U030.
-    """
-    what = "give a pair [active, reactive]: Q = Y[1] v^2 + I[1] v, so that a complex admittance G + jB is [G, -B]"
-    _raise([Fault("U030", f"{path}.{key}", what) for key in ("Y", "I") if isinstance(values.get(key), complex)])
-
-
 def require_kind(found: str | None, values: dict[str, Any], path: str, keys: str) -> None:
     """A kind that is given, or that follows from the values. Raises: SpecError S107."""
     if found is None:

@@ -12,7 +12,7 @@ from numbers import Real
 from typing import Any
 
 from certify.building.changes import Change, add_entry, add_part, remove, set_value
-from certify.building.checks import check_name, check_part, check_top, given, refuse_complex, require_kind
+from certify.building.checks import check_name, check_part, check_top, given, require_kind
 from certify.building.paths import find
 from certify.building.toml import to_toml
 from certify.certificate import save
@@ -180,8 +180,6 @@ class Spec:
         found = kind or next((own for key, own in kinds.items() if key in fields), None)
         path = f"node.{node}.load[{self._count(str(node))}]"
         require_kind(found, fields, path, "Y, I or P, P0, R and L, or centre")
-        if found == "zip":
-            refuse_complex(fields, path)
         entry = given(path, kind=found, **fields)
         check_part(self._document, "load", entry, path)
         return self._changed(add_entry(f"node.{node}", "load", entry), "node", str(node), "load")
