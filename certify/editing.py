@@ -13,6 +13,7 @@ from typing import Any
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import NumberText
 from certify.kernel.reader import read_document
+from certify.values import to_utf8
 
 
 def parse_toml(text: str) -> Any:
@@ -39,7 +40,7 @@ def edit_spec(spec: bytes, change: Callable[[Any], Any]) -> bytes:
             result = tomlkit.dumps(change(tomlkit.parse(text)))
         except (TOMLKitError, TypeError, KeyError, IndexError, ValueError, AttributeError):
             result = ""
-    data = result.encode()
+    data = to_utf8(result)
     try:
         done = bool(data) and same(read_document(data), expected)
     except SpecError:

@@ -21,6 +21,7 @@ from certify.kernel.reader import shown
 # Y and I of a ZIP load are [active, reactive] parts: of a complex admittance the second has the other sign.
 _POWERS = re.compile(r"(?:^|\.)[YI]$")
 _PAIR = "give a pair [active, reactive]: Q = Y[1] v^2 + I[1] v, so that a complex admittance G + jB is [G, -B]"
+_HALF = "text with half a letter in it (a lone surrogate), which no file can hold"
 _CURRENTS = (".I[0]", ".I[1]")  # formulas too, in a load given by its current
 MAX_DEPTH = 20  # of lists and tables in each other; a spec needs six
 
@@ -50,9 +51,7 @@ def _plain(value: Any, path: str, faults: list[Fault], depth: int) -> Any:
         return value
     if isinstance(value, str):
         if any("\ud800" <= letter <= "\udfff" for letter in value):
-            faults.append(
-                Fault("U030", path, "text with half a letter in it (a lone surrogate), which no file can hold")
-            )
+            faults.append(Fault("U030", path, _HALF))
         return str.__str__(value)  # of a subclass, such as a member of an Enum, what it holds and not how it is shown
     if isinstance(value, Mapping):
         return _table(value, path, faults, depth)
@@ -150,6 +149,14 @@ def _decimal_text(value: Any) -> str | None:
         return text if type(value)(text) == value else None
     except (TypeError, ValueError, ArithmeticError):
         return None
+
+
+def to_utf8(text: str) -> bytes:
+    """The bytes of a text. Raises: SpecError U030 if it has half a letter in it, as JSON can say by an escape."""
+    try:
+        return text.encode()
+    except UnicodeEncodeError:
+        raise SpecError((Fault("U030", "", _HALF),)) from None
 
 
 def to_decimal_text(x: Fraction) -> NumberText | None:

@@ -170,6 +170,20 @@ def test_how_numpy_shows_numbers_changes_none(kind: Any) -> None:
     assert Fraction(str(shown)) == Fraction(str(plain))
 
 
+def test_half_a_letter_that_json_can_say_is_an_error_of_the_spec() -> None:
+    """As an escape in a file that is read; no file can hold the letter itself."""
+    grid = Spec.read(b'{"format": "certify/microgrid@1", "name": "a\\ud800", "node": {}}')
+    for action in (grid.to_toml, lambda: grid.node("b")):
+        with pytest.raises(SpecError, match="half a letter"):
+            action()
+
+
+def test_a_kind_that_is_no_word_is_refused() -> None:
+    for add in (lambda: small().load("a", kind=numpy.eye(2)), lambda: small().controller("x", kind=numpy.eye(2))):
+        with pytest.raises(SpecError, match=r"\.kind"):
+            add()
+
+
 # --- kinds, names, places -------------------------------------------------------------------------------------------
 
 

@@ -117,3 +117,49 @@ def test_an_output_without_a_name_is_refused_before_the_work(capsys: Capture) ->
     for option in ("--sarif", "--junit", "--statement"):
         assert main(["gate", option, "", "a.toml"]) == 2
         assert "it has no name" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("windows", [False, True])
+def test_line_ends_that_git_has_changed_are_named(windows: bool, capsys: Capture) -> None:
+    """Otherwise every certificate would be stale on some machines, and nobody would know why."""
+    other = SINGLE.replace(b"\n", b"\r\n")
+    proved, found = (SINGLE, other) if windows else (other, SINGLE)
+    Path("a.toml").write_bytes(found)
+    Path("a.cert.json").write_bytes(prove(proved).data)
+    assert main(["gate", "--require-certificate", "a.toml"]) == 3
+    assert "a.cert.json is about this spec with other line ends" in capsys.readouterr().out
+    assert main(["gate", "a.toml"]) == 0
+    assert "`*.toml -text` in .gitattributes" in capsys.readouterr().out
+    Path("a.toml").write_bytes(found + b"# more")
+    assert main(["gate", "--require-certificate", "a.toml"]) == 3
+    assert "about another state of this spec" in capsys.readouterr().out
+
+
+def test_a_changed_certificate_in_a_folder_stands_for_its_spec(capsys: Capture) -> None:
+    """What a hook is given: files that have changed, wherever certificates are."""
+    Path("grids").mkdir()
+    Path("certs/grids").mkdir(parents=True)
+    Path("grids/a.toml").write_bytes(SINGLE)
+    Path("certs/grids/a.cert.json").write_bytes(prove(SINGLE).data)
+    code, found, _ = gate(capsys, "--certificates", "certs", "certs/grids/a.cert.json")
+    assert code == 0
+    assert [(r["spec"], r["certificate"]["state"]) for r in found["results"]] == [("grids/a.toml", "fresh")]
+    assert gate(capsys, "certs/grids/a.cert.json")[0] == 2
+
+
+def test_a_pattern_that_the_shell_has_left_says_so(capsys: Capture) -> None:
+    assert main(["gate", "specs/*.toml"]) == 2
+    assert "no file is called like this pattern" in capsys.readouterr().out
+
+
+def test_json_has_the_exit_code_of_the_process(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    """Also when a report could not be written in the end."""
+
+    def full(*_: object) -> list[str]:
+        raise SpecError((Fault("U001", "--sarif", "cannot write s.sarif: No space left on device"),))
+
+    monkeypatch.setattr("certify.report.gate_files.write_files", full)
+    Path("a.toml").write_bytes(SINGLE)
+    code, found, error = gate(capsys, "--sarif", "s.sarif", "a.toml")
+    assert (code, found["exit_code"]) == (2, 2)
+    assert "No space left" in error

@@ -222,3 +222,10 @@ except ImportError as error:
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout == "\nstrategies need hypothesis: pip install 'certify-eip[testing]'\n"
+
+
+def test_a_spec_that_no_file_can_hold_is_told_all_the_same() -> None:
+    spec = b'{"format": "certify/microgrid@1", "name": "a\\ud800", "node": {}}'
+    with pytest.raises(SpecError) as refused:
+        assert_certified(spec)
+    assert "\\ud800" in refused.value.__notes__[0]

@@ -252,6 +252,16 @@ def test_a_certificate_beside_a_spec_excuses_no_scenario(pytester: pytest.Pytest
     assert text_of(result).count("S208") >= 3
 
 
+def test_a_spec_in_capitals_is_not_passed_over(pytester: pytest.Pytester, run) -> None:  # type: ignore[no-untyped-def]
+    for name, text in (("A.MICROGRID.TOML", FEEDER), ("B.Refuted.Microgrid.toml", REFUTED)):
+        pytester.path.joinpath(name).write_text(text)
+    assert run("--collect-only", "-q").outlines[:2] == [
+        "A.MICROGRID.TOML::certified",
+        "B.Refuted.Microgrid.toml::refuted",
+    ]
+    run().assert_outcomes(passed=2)
+
+
 def test_a_verdict_is_not_true(pytester: pytest.Pytester, run) -> None:  # type: ignore[no-untyped-def]
     """`assert certify_verdict` has passed for a refuted spec."""
     pytester.path.joinpath("bad.toml").write_text(REFUTED)

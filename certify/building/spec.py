@@ -133,9 +133,10 @@ class Spec:
         that the law was designed with.
         """
         kinds = {"K11": "state-feedback", "K12": "state-feedback", "alpha": "ida-pbc", "F": "linear"}
-        found = kind or next((own for key, own in kinds.items() if key in gains), "constant" if not gains else None)
-        require_kind(found, gains, f"controller.{name}", "K11 and K12, alpha, or F")
-        return self._part("controller", name, {"kind": found, "let": let, "design": design, **gains}, check=True)
+        if kind is None:
+            kind = next((own for key, own in kinds.items() if key in gains), "constant" if not gains else None)
+        require_kind(kind, gains, f"controller.{name}", "K11 and K12, alpha, or F")
+        return self._part("controller", name, {"kind": kind, "let": let, "design": design, **gains}, check=True)
 
     def line_type(self, name: str | int, *, R: Value, L: Value, C: Value, tolerance: Value = None) -> Spec:
         """What lines have per length: R in ohm/m, L in H/m, C in F/m, or text such as "0.343 ohm/km"."""
@@ -177,10 +178,11 @@ class Spec:
         `band`, `below` and `tolerance` as in a spec.
         """
         kinds = {"P0": "exp", "centre": "current", "R": "rl", "Y": "zip", "P": "zip", "I": "zip"}
-        found = kind or next((own for key, own in kinds.items() if key in fields), None)
+        if kind is None:
+            kind = next((own for key, own in kinds.items() if key in fields), None)
         path = f"node.{node}.load[{self._count(str(node))}]"
-        require_kind(found, fields, path, "Y, I or P, P0, R and L, or centre")
-        entry = given(path, kind=found, **fields)
+        require_kind(kind, fields, path, "Y, I or P, P0, R and L, or centre")
+        entry = given(path, kind=kind, **fields)
         check_part(self._document, "load", entry, path)
         return self._changed(add_entry(f"node.{node}", "load", entry), "node", str(node), "load")
 

@@ -9,6 +9,7 @@ from certify.editing import same, toml_key
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import NumberText
 from certify.kernel.reader import read_document
+from certify.values import to_utf8
 
 WIDTH = 100  # characters up to which a list or table stands on one line
 PARTS = ("filter", "controller", "line_type", "node", "scenario")  # tables of tables
@@ -33,7 +34,7 @@ def to_toml(document: Mapping[str, Any]) -> str:
         if _is_apart(key, part):
             blocks += _parts(key, part)
     text = "\n\n".join(blocks) + "\n"
-    if not same(read_document(text.encode()), document):
+    if not same(read_document(to_utf8(text)), document):
         raise ValueError("the TOML that was written does not say what the document says")
     return text
 

@@ -106,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
 
     try:
         policy = _policy(options)
-        specs, stray, warnings = select(options.specs)
+        specs, stray, warnings = select(options.specs, options.certificates)
         check_targets(options, specs)
         baseline = Baseline(options.baseline) if options.baseline is not None else None
         before = {spec: _before(baseline, spec, options.certificates) for spec in specs} if baseline else {}
@@ -132,10 +132,12 @@ def run(options: argparse.Namespace) -> int:
         found = replace(found, warnings=(*warnings, *write_files(options, found)))
     except SpecError as error:
         unwritten += error.faults
+    exit_code = worst_of([found.exit_code, *([USAGE] if unwritten else [])])
     if options.json:
         from certify.report.gate import to_dict
 
-        print(json.dumps(to_dict(found, policy, places.position, options.times), indent=1))
+        told = to_dict(found, policy, places.position, options.times)
+        print(json.dumps({**told, "exit_code": exit_code}, indent=1))
     else:
         print(render_sum(found, policy))
     for warning in found.warnings:
@@ -144,7 +146,7 @@ def run(options: argparse.Namespace) -> int:
         from certify.report.text import render_faults
 
         print(render_faults(unwritten, "gate", sys.stderr.isatty()), file=sys.stderr)
-    return worst_of([found.exit_code, *([USAGE] if unwritten else [])])
+    return exit_code
 
 
 def _policy(options: argparse.Namespace) -> Policy:

@@ -66,8 +66,10 @@ ENTRIES = (
     Diagnostic(
         "U011",
         "certificate of another state of the spec",
-        "A certificate is about the bytes of one spec. This one has changed since, so nothing is known of it.",
-        "`certify gate --write SPEC` proves it as it is now and replaces the certificate; commit both",
+        "A certificate is about the bytes of one spec. This one has changed since, so nothing is known of it. Line "
+        "ends are bytes too, and git may change them when it checks files out.",
+        "`certify gate --write SPEC` proves it as it is now and replaces the certificate; commit both. If only line "
+        "ends differ, put `*.toml -text` into .gitattributes and check it out again",
     ),
     Diagnostic(
         "U012",

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from certify.exits import EXIT_CODES, USAGE
 from certify.gating.policy import Policy
@@ -16,6 +18,7 @@ from certify.kernel.errors import Fault, Rejected
 from certify.provenance import TIME_FORMAT
 
 SUFFIX = ".cert.json"
+ENDINGS = (".toml", ".json")  # of specs
 OTHER_SPEC = "K103"  # how the kernel refuses a certificate that is about another text
 CLOCKS = 300  # seconds that clocks of different machines may differ by
 
@@ -41,6 +44,12 @@ def inside(folder: str, path: Path) -> Path:
     return whole if not relative.startswith("..") and os.path.isdir(whole.parent) else Path(folder) / path.name
 
 
+def is_but_for_line_ends(spec: bytes, sha256: Any) -> bool:
+    """Whether a certificate is about this spec with the line ends of another system: as git may check it out."""
+    lines = spec.replace(b"\r\n", b"\n")
+    return sha256 in [hashlib.sha256(text).hexdigest() for text in (lines, lines.replace(b"\n", b"\r\n"))]
+
+
 def check_committed(spec: bytes, certificate: bytes) -> Verdict | None:
     """What the kernel says by a committed certificate; None if it is about another state of the spec.
 
@@ -58,7 +67,7 @@ def check_committed(spec: bytes, certificate: bytes) -> Verdict | None:
 
 def stem(name: str) -> str:
     """The name of a spec without its ending, if it has a usual one."""
-    for ending in (".toml", ".json"):
+    for ending in ENDINGS:
         if name.endswith(ending) and name != ending:
             return name.removesuffix(ending)
     return name

@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import os
@@ -18,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from certify.exits import EXIT_CODES, USAGE
-from certify.gating.committed import certificate_path, check_committed, too_old
+from certify.gating.committed import certificate_path, check_committed, is_but_for_line_ends, too_old
 from certify.gating.policy import Policy
 from certify.gating.results import Committed, Decision, Problem
 from certify.inputs import decode_all, read
@@ -38,7 +39,11 @@ def decide(spec: str, policy: Policy, progress: Any = None) -> Decision:
     try:
         data = read(spec)
     except SpecError as error:
-        message = f"{error.faults[0].message}; name the specs in it" if os.path.isdir(spec) else error.faults[0].message
+        message = error.faults[0].message
+        if os.path.isdir(spec):
+            message += "; name the specs in it"
+        elif glob.has_magic(spec) and not os.path.lexists(spec):
+            message = "no file is called like this pattern"
         return decision(None, Committed(), _bad((Fault("S000", "", message),), spec))
     digest = hashlib.sha256(data).hexdigest()
     committed = Committed()
@@ -64,7 +69,11 @@ def decide(spec: str, policy: Policy, progress: Any = None) -> Decision:
                 digest, committed, (aged,) if aged else (), verdict=verdict, reasons=read_notes(certificate)
             )
         said = document["verdict"]
-        committed = replace(committed, said=said if isinstance(said, str) and said in EXIT_CODES else None)
+        committed = replace(
+            committed,
+            said=said if isinstance(said, str) and said in EXIT_CODES else None,
+            but_for_line_ends=is_but_for_line_ends(data, document["spec_sha256"]),
+        )
     if policy.require:
         missing = _missing(spec, committed, path)
         faults = _all_faults(data)
@@ -100,9 +109,8 @@ def _rejected(rejection: Rejected, file: str) -> Problem:
 
 def _missing(spec: str, committed: Committed, path: Path) -> Problem:
     if committed.state == "stale":
-        fault = Fault(
-            "U011", "spec_sha256", f"{path} is about another state of this spec, and a certificate is required"
-        )
+        state = "this spec with other line ends" if committed.but_for_line_ends else "another state of this spec"
+        fault = Fault("U011", "spec_sha256", f"{path} is about {state}, and a certificate is required")
     else:
         fault = Fault("U010", "", f"there is no {path}, and a certificate is required")
     return Problem("certificate", spec, fault, EXIT_CODES["unknown"])

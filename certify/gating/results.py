@@ -27,13 +27,15 @@ class Committed:
     """The committed certificate of a spec.
 
     `state`: "fresh" is about this spec and accepted by the kernel, "stale" about another state of it, "rejected", or
-    "none". `path` is None if there is none. `said`: the verdict that a stale one has, which nobody has checked.
+    "none". `path` is None if there is none. `said`: the verdict that a stale one has, which nobody has checked;
+    `but_for_line_ends`: it is about the spec with other ones.
     """
 
     state: str = "none"
     path: str | None = None
     sha256: str | None = None
     said: str | None = None
+    but_for_line_ends: bool = False
 
 
 @dataclass(frozen=True)

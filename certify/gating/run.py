@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from certify.exits import USAGE
-from certify.gating.committed import SUFFIX
+from certify.gating.committed import ENDINGS, SUFFIX
 from certify.gating.decide import decide
 from certify.gating.policy import Policy
 from certify.gating.results import Committed, Decision, Problem
@@ -18,18 +18,18 @@ from certify.kernel.errors import Fault
 FEW = 4  # specs for each process, if nothing is said: fewer are not worth its start
 
 
-def select(paths: Sequence[str]) -> tuple[list[str], list[Decision], list[str]]:
+def select(paths: Sequence[str], certificates: str | None = None) -> tuple[list[str], list[Decision], list[str]]:
     """The specs that are meant, each once; decisions about what is none; and what there is to say about it.
 
     A certificate stands for the spec beside it, so that a hook that is given changed files notices a changed
-    certificate too.
+    certificate too. `certificates`: the folder in which they may be by the paths of their specs.
     """
     specs: dict[str, str] = {}
     given: set[str] = set()
     stray: list[Decision] = []
     told: list[str] = []
     for path in paths:
-        meant = _specs_of(path) if _is_certificate(path) else [path]
+        meant = _specs_of(path, certificates) if _is_certificate(path) else [path]
         if not meant:
             fault = Fault(
                 "U015", "", f"a certificate, and there is no spec beside it: {path.removesuffix(SUFFIX)}.toml"
@@ -56,9 +56,11 @@ def _is_certificate(path: str) -> bool:
         return False
 
 
-def _specs_of(certificate: str) -> list[str]:
-    name = certificate.removesuffix(SUFFIX)
-    return [name + ending for ending in (".toml", ".json") if os.path.isfile(name + ending)]
+def _specs_of(certificate: str, folder: str | None) -> list[str]:
+    names = [certificate.removesuffix(SUFFIX)]
+    if folder is not None:
+        names.append(os.path.relpath(names[0], folder))
+    return [name + ending for name in names for ending in ENDINGS if os.path.isfile(name + ending)]
 
 
 def decide_specs(specs: Sequence[str], policy: Policy, bar: Any, jobs: int | None = None) -> Iterator[Decision]:

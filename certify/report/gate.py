@@ -74,7 +74,11 @@ def _aside(result: SpecResult) -> list[str]:
         said = f"; that of an earlier state said {committed.said}" if committed.said else ""
         lines.append(f"wrote {result.written}{said}")
     elif committed.state == "stale" and result.decision.proof is not None:
-        lines.append(f"{committed.path} is about another state of this spec (stale); --write replaces it")
+        if committed.but_for_line_ends:
+            lines.append(f"{committed.path} is about this spec with other line ends; `*.toml -text` in .gitattributes")
+            lines.append("keeps git from changing them")
+        else:
+            lines.append(f"{committed.path} is about another state of this spec (stale); --write replaces it")
     return lines
 
 

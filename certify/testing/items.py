@@ -29,7 +29,7 @@ class MicrogridFile(pytest.File):
 
     def collect(self) -> Iterator[MicrogridItem]:
         item: MicrogridItem = MicrogridItem.from_parent(
-            self, name="refuted" if REFUTED in self.path.name else "certified"
+            self, name="refuted" if REFUTED in self.path.name.lower() else "certified"
         )
         yield item
 

@@ -73,7 +73,7 @@ def allowed(config: pytest.Config) -> tuple[str, ...]:
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> MicrogridFile | None:
-    if not file_path.name.endswith(SUFFIXES):
+    if not file_path.name.lower().endswith(SUFFIXES):
         return None
     from certify.testing.items import MicrogridFile
 
