@@ -9,10 +9,16 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from certify.certificate import prove, write_certificate
 from certify.cli import main
+from certify.gating.judge import judge, may_pass
+from certify.gating.policy import Policy
+from certify.gating.results import Committed, Decision
 from certify.kernel.check import check
+from certify.kernel.claims import Claim, Verdict, overall
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.spec import decode
 from certify.search.prove import find_claims
@@ -81,6 +87,29 @@ def printed(*paths: str) -> None:
 @pytest.fixture(scope="module")
 def refuted() -> bytes:
     return prove(ROOT / "specs" / "cigre-mv-as-printed.toml").data
+
+
+STATUS = st.sampled_from(("proved", "proved", "conditional", "unknown", "refuted"))
+NAMES = ("dgu/1", "load/1", "load/2", "invariant-set/1", "microgrid", "equilibrium/1", "region/1", "mode/1/d")
+LEDGER = ("sampled/1", "sampled/2", "equilibrium/1", "region/1")
+
+
+@settings(deadline=None, max_examples=200, derandomize=True)
+@given(
+    st.fixed_dictionaries(dict.fromkeys(NAMES, STATUS)),
+    st.sets(st.sampled_from(LEDGER)),
+    st.sets(st.sampled_from((*LEDGER, "sampled/*", "*", "balanced", "*/1"))),
+)
+def test_claim_by_claim_the_gate_passes_what_the_verdict_lets_pass(
+    statuses: dict[str, str], ledger: set[str], allow: set[str]
+) -> None:
+    """Whatever the kernel might say: no specs pass by their claims that do not by their verdict, nor the reverse."""
+    assumed = tuple((name, "") for name in ("balanced", *sorted(ledger)))
+    claims = tuple(Claim(name, name, status) for name, status in statuses.items())
+    verdict, policy = Verdict(overall(statuses), claims, assumed), Policy(allow=tuple(sorted(allow)))
+    result = judge(Decision("a.toml", "0", Committed(), verdict, {}, (), None, 0.0), policy)
+    assert result.passed == may_pass(verdict, policy)
+    assert not result.passed or verdict.outcome in ("certified", "conditional")
 
 
 def gate(capsys: Capture, *arguments: str) -> tuple[int, Any, str]:

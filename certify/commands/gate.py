@@ -61,7 +61,12 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "that of the base branch) or in this output of `certify gate --json`: proved is better than conditional or "
         "unknown, and these than refuted; claims that are new must be proved. What is excused is listed",
     )
-    add("--certificates", metavar="DIR", help="where the committed certificates are (default: beside each spec)")
+    add(
+        "--certificates",
+        metavar="DIR",
+        help="where the committed certificates are (default: beside each spec): by the "
+        "path of the spec if DIR has its folders, else by its name",
+    )
     add(
         "--write",
         action="store_true",
