@@ -132,7 +132,9 @@ plants = st.builds(Plant, decimals(1e-3, 1), decimals(1e-5, 1e-2), decimals(1e-6
 
 
 @given(plants, decimals(0.1, 1e4), st.sampled_from(["pi", "ida-pbc"]))
-@example(Plant(Fraction(1), Fraction(1, 10**4), Fraction(1, 10**3), W0), Fraction(1), "pi")  # began at the very edge of its box
+@example(
+    Plant(Fraction(1), Fraction(1, 10**4), Fraction(1, 10**3), W0), Fraction(1), "pi"
+)  # began at the very edge of its box
 @settings(max_examples=2, deadline=None)
 def test_every_wish_for_a_rate_is_met_by_a_passive_design(plant: Plant, rate: Fraction, kind: str) -> None:
     found = find_design(plant, kind, rate, None)
