@@ -121,7 +121,8 @@ def fraction_map(
         Z, P = x[None, None, :], y[None, :, None]
         current = (1 - Z - P) / v
         least = smallest(Z + current + P / v**2, Z - P / v**2, float(square) ** 0.5 * (current + 2 * P / v**2))
-        ax.contour(x, y, least.min(axis=0), levels=[0.0], colors="black", linewidths=1.6)
+        drawn = ax.contour(x, y, least.min(axis=0), levels=[0.0], colors="black", linewidths=1.6)
+        drawn.set_capstyle("butt")  # else the ends are as another package that draws may have left them
         ax.plot([0, 1, 0, 0], [0, 0, 1, 0], color="black", linewidth=1, linestyle=(0, (4, 2)))
         for corner, text, ha in (
             ((1, 0), "only impedance", "left"),
