@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # so that it ru
 
 from certify.certificate import prove
 from certify.importing import Placement, Settings
-from certify.importing.pandapower_file import import_pandapower, load_net
+from certify.importing.pandapower.file import import_pandapower, load_net
 from certify.kernel.claims import Verdict
 from certify.report.importing import tables
 from tests.campaign_loops import to_table

@@ -14,7 +14,7 @@ from typing import Any
 from certify.certificate import prove
 from certify.importing import Draft, Network, Placement, Settings, to_spec
 from certify.importing.pandapower import from_net
-from certify.importing.pandapower_file import import_pandapower
+from certify.importing.pandapower.file import import_pandapower
 from certify.kernel.claims import Claim
 from certify.kernel.spec import Node, ZipLoad
 

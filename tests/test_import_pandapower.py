@@ -15,8 +15,9 @@ import pytest
 
 from certify.cli import main
 from certify.importing import Placement, Settings
-from certify.importing.pandapower import REFUSED, from_net
-from certify.importing.pandapower_file import clean_document, import_pandapower, load_net, to_net
+from certify.importing.pandapower import from_net
+from certify.importing.pandapower.file import clean_document, import_pandapower, load_net, to_net
+from certify.importing.pandapower.read import REFUSED
 from certify.kernel.errors import SpecError
 from tests.conftest import ROOT
 from tests.pandapower_oracle import clean_json, imported, quiet, row_powers, worst_row, worst_voltage
@@ -352,7 +353,7 @@ def test_all_faults_come_at_once_and_tables_can_be_left_out(nets: dict[str, Any]
 
 def test_every_table_of_pandapower_has_a_meaning(pp: Any) -> None:
     """A table that a new version adds must not pass as one that no power flow reads."""
-    from certify.importing.pandapower import BRANCHES, LEFT_OUT, ROWS
+    from certify.importing.pandapower.read import BRANCHES, LEFT_OUT, ROWS
 
     tables = {
         k for k, v in pp.create_empty_network().items() if hasattr(v, "columns") and not k.startswith(("_", "res_"))

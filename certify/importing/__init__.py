@@ -1,7 +1,7 @@
 """Networks of other programs as specs: a format is read into a `Network`, and `to_spec` writes that as TOML.
 
 What every format needs is here and knows none of them: islands, transformers referred to one side, capacitances,
-controllers for inverters, names, and the text itself. A format is one more module that makes a `Network`.
+controllers for inverters, names, and the text itself. A format is one more package that makes a `Network`.
 """
 
 from certify.importing.draft import Draft, to_spec

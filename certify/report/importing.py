@@ -16,13 +16,13 @@ from certify.kernel.errors import Fault, SpecError
 
 def _pandapower(path: str, placement: Any, _settings: Any) -> Any:
     from certify.importing.pandapower import from_net
-    from certify.importing.pandapower_file import file_name, load_net
+    from certify.importing.pandapower.file import file_name, load_net
 
     return from_net(load_net(path), f"{file_name(path)}, a file of pandapower", placement)
 
 
 def _simbench(code: str, placement: Any, _settings: Any) -> Any:
-    from certify.importing.simbench import from_code
+    from certify.importing.pandapower.simbench import from_code
 
     return from_code(code, placement)
 

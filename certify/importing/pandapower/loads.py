@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from certify.importing.network import Pair, ZipRow
 from certify.importing.numbers import root
-from certify.importing.rows import Row, missing
+from certify.importing.pandapower.rows import Row, missing
 
 if TYPE_CHECKING:
-    from certify.importing.pandapower import _Reader
+    from certify.importing.pandapower.read import _Reader
 
 MEGA = 10**6
 ZERO, ONE = Fraction(0), Fraction(1)

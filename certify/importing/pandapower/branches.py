@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from certify.importing.network import Branch, Bus, Note, ZipRow
 from certify.importing.numbers import from_float, inductance, root
-from certify.importing.rows import Row, missing
+from certify.importing.pandapower.rows import Row, missing
 
 if TYPE_CHECKING:
-    from certify.importing.pandapower import _Reader
+    from certify.importing.pandapower.read import _Reader
 
 ONE = Fraction(1)
 

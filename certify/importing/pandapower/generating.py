@@ -7,13 +7,13 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from certify.importing.network import Source
-from certify.importing.pandapower_loads import rating
-from certify.importing.rows import Row
+from certify.importing.pandapower.loads import rating
+from certify.importing.pandapower.rows import Row
 from certify.kernel.errors import Fault
 from certify.kernel.quantity import shorten
 
 if TYPE_CHECKING:
-    from certify.importing.pandapower import _Reader
+    from certify.importing.pandapower.read import _Reader
 
 # What may become a DGU, by the words of --dgus-at.
 SOURCES = {"generators": "gen", "storage": "storage", "static-generators": "sgen", "ext-grid": "ext_grid"}

@@ -8,7 +8,7 @@ from typing import Any
 
 from certify.importing.network import Network
 from certify.importing.pandapower import from_net
-from certify.importing.pandapower_file import file_name, import_pandapower, load_net
+from certify.importing.pandapower.file import file_name, import_pandapower, load_net
 from certify.importing.settings import Placement
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import shorten

@@ -13,8 +13,9 @@ from typing import Any
 from certify.importing.names import Names
 from certify.importing.network import NONE, Branch, Bus, ExpRow, Network, Source, ZipRow
 from certify.importing.numbers import inductance, root
-from certify.importing.pandapower_branches import impedance, line, transformer
-from certify.importing.pandapower_loads import (
+from certify.importing.pandapower.branches import impedance, line, transformer
+from certify.importing.pandapower.generating import SOURCES, read_sources
+from certify.importing.pandapower.loads import (
     asymmetric_load,
     asymmetric_sgen,
     load,
@@ -24,8 +25,7 @@ from certify.importing.pandapower_loads import (
     storage,
     ward,
 )
-from certify.importing.pandapower_sources import SOURCES, read_sources
-from certify.importing.rows import Reading, Row, first_of
+from certify.importing.pandapower.rows import Reading, Row, first_of
 from certify.importing.settings import Placement
 from certify.kernel.errors import Fault, SpecError
 from certify.kernel.quantity import shorten
