@@ -77,6 +77,14 @@ def to_circuit(answer: dict[str, Any]) -> Circuit:
     if raw["frequency"] != raw["base_frequency"]:
         text = f"`Set frequency={raw['frequency']:g}` beside a base frequency of {raw['base_frequency']:g} Hz"
         faults.append(Fault("I053", "", text))
+    elements = tuple(map(to_element, raw["elements"]))
+    for element in elements if raw["scaled"] else ():
+        # The engine scales the reactive power that it tells of them, and keeps to the one before.
+        if element.kind == "load" and element.enabled and element.properties["Model"] in (6, 7):
+            text = f"{raw['scaled']} beside a load of model {element.properties['Model']}, of which OpenDSS then tells"
+            faults.append(
+                Fault("I053", element.name, f"{text} another kvar than it takes; state the factor at each load")
+            )
     refuse(faults)
     return Circuit(
         raw["name"],
@@ -84,6 +92,6 @@ def to_circuit(answer: dict[str, Any]) -> Circuit:
         exact(raw["frequency"], "frequency"),
         exact(raw["load_multiplier"], "loadmult"),
         exact(raw["generator_multiplier"], "genmult"),
-        tuple(map(to_element, raw["elements"])),
+        elements,
         raw["left_out"],
     )

@@ -35,6 +35,7 @@ MAX_LINES = 500_000
 MAX_FAULTS = 50
 VARIABLE = re.compile(r"(?:^|[\s,=|\[({\"'])@")
 PLAIN = re.compile(r"[\w.+*/^% -]*", re.ASCII)
+NO_NUMBER = re.compile(r"(?<=\n)\s*[-+]?(?:nan|inf)(?=,?\s*\n)", re.IGNORECASE)  # alone in its line, so in no text
 FULL, NO_TIME, NO_BUSES = 1, 512, 1024  # what the engine's JSON holds
 
 
@@ -61,6 +62,7 @@ class Session:
         self.lines = 0
         self.stopped = False
         self.active_class = ""
+        self.scaled = ""  # a `Set` that rewrites the powers of loads
         self.failed = False  # the last element could not be made, and lines that go on about it mean nothing
 
     def fault(self, code: str, place: str, message: str) -> None:
@@ -169,6 +171,8 @@ class Session:
                 self.fault("I043", where, f"`Set {option}={value[:40]}` is not run by an import")
             elif lower in OPTIONS_RUN:
                 self.execute(f"Set {option}=({value})", where)
+                if lower in ("allocationfactors", "cfactors"):
+                    self.scaled = f"`Set {option}`"
             else:
                 self.left_out.setdefault(f"Set {option}={value[:40]}", []).append(where)
 
@@ -247,8 +251,8 @@ class Session:
         circuit = self.engine.ActiveCircuit
         try:
             circuit.Solution.BuildYMatrix(0, False)  # only then all elements have worked out what they are
-            everything = json.loads(circuit.ToJSON(FULL | NO_TIME | NO_BUSES))
-            given = json.loads(circuit.ToJSON(NO_TIME | NO_BUSES))
+            everything = _parse(circuit.ToJSON(FULL | NO_TIME | NO_BUSES))
+            given = _parse(circuit.ToJSON(NO_TIME | NO_BUSES))
             self.engine.Text.Command = "Get Basefrequency"
             base = float(self.engine.Text.Result)
         except (DSSException, ValueError) as error:
@@ -273,6 +277,7 @@ class Session:
             "load_multiplier": circuit.Solution.LoadMult,
             "generator_multiplier": circuit.Solution.GenMult,
             "year": circuit.Solution.Year,
+            "scaled": self.scaled,
             "left_out": self.left_out,
             "elements": elements,
         }
@@ -309,6 +314,11 @@ def _vocabulary() -> tuple[tuple[str, ...], tuple[str, ...], frozenset[str]]:
     commands = tuple(executive.Command(k) for k in range(1, executive.NumCommands + 1))
     options = tuple(executive.Option(k) for k in range(1, executive.NumOptions + 1))
     return commands, options, frozenset(name.lower() for name in dss.Classes) | {"circuit"}
+
+
+def _parse(text: str) -> Any:
+    """The engine's JSON. Entries of matrices that nothing has set are whatever memory held, at times no number."""
+    return json.loads(NO_NUMBER.sub("null", text))
 
 
 def _reason(error: Exception) -> str:

@@ -119,7 +119,7 @@ def _named(
     used += [shunt.bus for shunt in parts.shunts] + list(parts.capacitances)
     buses = list(dict.fromkeys(used))
     names = dict(zip(buses, unique((bus, f"bus {k}") for k, bus in enumerate(buses)), strict=True))
-    nominal = nominal_volts(buses, [e for e in circuit.elements if e.enabled], parts, rows)
+    nominal = nominal_volts(buses, [e for e in circuit.elements if e.enabled], parts, rows, [p.bus for p in places])
     labels = unique((branch.name, f"branch {k}") for k, branch in enumerate(parts.branches))
     shunts = []
     for shunt in parts.shunts:

@@ -13,13 +13,17 @@ from certify.kernel.errors import Fault
 
 
 def nominal_volts(
-    buses: Sequence[str], elements: Sequence[Element], parts: Parts, rows: Sequence[ZipRow | ExpRow]
+    buses: Sequence[str],
+    elements: Sequence[Element],
+    parts: Parts,
+    rows: Sequence[ZipRow | ExpRow],
+    places: Sequence[str],
 ) -> dict[str, Fraction]:
     """Nominal voltages, one for all buses that no transformer separates.
 
     That is the rating of the windings there (the most frequent of them), else of the voltage sources, else of the
-    loads. A level that is not even rated has that of its neighbour, in the ratio of the transformer. Raises:
-    SpecError I051.
+    loads. A level without any of these is connected to none that has one; without a DGU of `places` it is no part of
+    an island, and may have any. Raises: SpecError I051.
     """
     level = _levels(buses, parts)
     rated: dict[str, list[Counter[Fraction]]] = defaultdict(lambda: [Counter(), Counter(), Counter()])
@@ -39,9 +43,12 @@ def nominal_volts(
     for row in rows:
         rated[level[row.bus]][2][row.nominal_volt] += 1
     found: dict[str, Fraction] = {}
+    fed = {level[bus] for bus in places}
     for name in dict.fromkeys(level.values()):
         counts = next((counter for counter in rated[name] if counter), None)
-        if counts is None or max(counts) <= 0:
+        if counts is None and name not in fed:
+            found[name] = Fraction(1)
+        elif counts is None or max(counts) <= 0:
             bus = next(bus for bus in buses if level[bus] == name)
             faults.append(
                 Fault("I051", bus, "no nominal voltage: no transformer, source or load of this level has one")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from certify.importing.network import Branch, Bus, Note, ZipRow
+from certify.importing.network import NONE, Branch, Bus, Note, ZipRow
 from certify.importing.numbers import from_float, inductance, root
 from certify.importing.pandapower.rows import Row, missing
+from certify.kernel.quantity import shorten
 
 if TYPE_CHECKING:
     from certify.importing.pandapower.read import _Reader
@@ -77,11 +79,9 @@ def transformer(net: _Reader, row: Row) -> Branch | None:
     """An ideal ratio with tap and shift, and the short-circuit impedance as seen from the low-voltage side."""
     switches = net.switches.get(("trafo", row.index), [])
     high, low = net.bus(row, "hv_bus"), net.bus(row, "lv_bus")
-    opened = any(not net.flag(s, "closed") for s in switches)
-    if opened or not high or not low:
-        net.leave_out(row, "an open switch" if opened else "one of its buses is out of service")
-        for switch in switches:
-            net.leave_out(switch, "open, or its branch is left out")
+    opened = {net.whole(s, "bus") for s in switches if not net.flag(s, "closed")}
+    if not high or not low:
+        _left_out(net, row, switches, "one of its buses is out of service")
         return None
     kilo = Fraction(1000)
     shift = net.number(row, "shift_degree", default=Fraction(0))
@@ -109,8 +109,8 @@ def transformer(net: _Reader, row: Row) -> Branch | None:
     if iron or magnetising:
         text = "a pi section: half of what it draws without load at either side, as trafo_model='pi' of pandapower"
         net.notes.append(Note(row.label, text))
-    return Branch(
-        net.branch_names.take(net.text(row, "name"), f"trafo-{row.index}"),
+    made = Branch(
+        "",
         high,
         low,
         r / parallel,
@@ -120,16 +120,45 @@ def transformer(net: _Reader, row: Row) -> Branch | None:
         shift_degree=shift,
         origins=(row.label, *(s.label for s in switches)),
     )
+    closed_ends = [end for end in ("hv", "lv") if net.whole(row, f"{end}_bus") not in opened]
+    if len(closed_ends) == 2:
+        return replace(made, name=net.branch_names.take(net.text(row, "name"), f"trafo-{row.index}"))
+    if not closed_ends or made.shunt_siemens == NONE:
+        _left_out(net, row, switches, "open, and draws nothing")
+        return None
+    node = high if closed_ends == ["hv"] else low
+    net.loads.append(_magnetised(made, node, net.volt[node], made.ratio if node == high else ONE, net.w0))
+    net.notes.append(Note(row.label, "open at one side: what it draws from the other is a constant impedance there"))
+    return None
+
+
+def _left_out(net: _Reader, row: Row, switches: list[Row], reason: str) -> None:
+    net.leave_out(row, reason)
+    for switch in switches:
+        net.leave_out(switch, "open, or its branch is left out")
+
+
+def _magnetised(branch: Branch, node: str, volt: Fraction, ratio: Fraction, w0: Fraction) -> ZipRow:
+    """What a transformer draws that is open at its other side: half its shunt, and the other half behind R and X."""
+    g, b = (part / 2 for part in branch.shunt_siemens)
+    size = g * g + b * b
+    r, x = branch.resistance_ohm + g / size, branch.inductance_henry * w0 + b / size
+    behind = r * r + x * x
+    pair = ((g + r / behind) * (volt / ratio) ** 2, (b + x / behind) * (volt / ratio) ** 2)
+    return ZipRow(node, volt, impedance=pair, origins=branch.origins)
 
 
 def _tapped(net: _Reader, row: Row, tap: str, volt: Fraction) -> tuple[Fraction, Fraction]:
     """Rated voltage of a side with its tap changer, and by how many degrees it turns, as pandapower does it."""
     if missing(row.values.get(f"{tap}_pos")) or missing(row.values.get(f"{tap}_neutral")):
+        net.notes.append(Note(row.label, f"its {tap}_pos or {tap}_neutral is missing: taken for the neutral position"))
         return volt, Fraction(0)
     steps = net.number(row, f"{tap}_pos") - net.number(row, f"{tap}_neutral")
-    percent = net.number(row, f"{tap}_step_percent", default=Fraction(0))
-    degree = net.number(row, f"{tap}_step_degree", default=Fraction(0))
+    percent = net.number(row, f"{tap}_step_percent", default=Fraction(0), blank=True)
+    degree = net.number(row, f"{tap}_step_degree", default=Fraction(0), blank=True)
     kind = net.text(row, f"{tap}_changer_type")
+    if f"{tap}_changer_type" not in row.values and f"{tap}_phase_shifter" in row.values:  # pandapower 2
+        kind = "Ideal" if net.flag(row, f"{tap}_phase_shifter", False) else "Ratio"
     if not steps:
         return volt, Fraction(0)
     if kind == "Ideal":
@@ -138,7 +167,8 @@ def _tapped(net: _Reader, row: Row, tap: str, volt: Fraction) -> tuple[Fraction,
         sine = max(-1.0, min(1.0, float(steps * percent / 200)))
         return volt, steps * degree if degree else from_float(math.degrees(2 * math.asin(sine)))
     if kind not in ("Ratio", "Symmetrical"):
-        net.notes.append(Note(row.label, f"its {tap}_changer_type is not set, so its tap position has no effect"))
+        text = f"its {tap}_changer_type is {shorten(kind) if kind else 'not set'}, so its tap position has no effect"
+        net.notes.append(Note(row.label, text))
         return volt, Fraction(0)
     share = steps * percent / 100
     if not degree:

@@ -24,6 +24,7 @@ TABLES = (("pandas.core.frame", "DataFrame"), ("pandas", "DataFrame"))
 _MODULES = re.compile(r"(pandapower|pandas|numpy|networkx|shapely|geopandas)(\.[\w.]+)?", re.ASCII)
 _BUILTINS = {"tuple", "set", "frozenset", "complex"}
 _DTYPE = re.compile(r"object|str|string|bool|boolean|[uU]?[iI]nt\d{1,2}|[fF]loat\d{2}", re.ASCII)
+NOT_PLAIN = "(neither a number nor text)"
 _PLAIN = ("name", "f_hz", "sn_mva", "version", "format_version")
 INSTALL = "pip install 'certify-eip[pandapower]'"
 
@@ -94,7 +95,10 @@ def _foreign(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _table(value: dict[str, Any]) -> dict[str, Any]:
-    """A table with the columns that hold nothing but numbers, text, truth values and nulls. Raises: ValueError."""
+    """A table of numbers, text, truth values and nulls; whatever else a cell holds is now a text. Raises: ValueError.
+
+    So a cell that is read and holds a list is a fault of that cell, and one that is not read does no harm.
+    """
     raw = value.get("_object")
     frame = json.loads(raw) if isinstance(raw, str) else raw
     if not isinstance(frame, dict) or value.get("orient") != "split" or set(frame) != {"columns", "index", "data"}:
@@ -109,26 +113,32 @@ def _table(value: dict[str, Any]) -> dict[str, Any]:
     for kind, names in (("columns", columns), ("rows", index)):
         if len(set(map(str, names))) != len(names):
             raise ValueError(f"two {kind} have the same name")
-    kept = [
-        j for j in range(len(columns)) if all(row[j] is None or isinstance(row[j], str | int | float) for row in data)
-    ]
+    plain = [all(map(_is_plain, cells)) for cells in zip(*data, strict=True)] or [True] * len(columns)
     dtypes = value.get("dtype")
     types = dtypes if isinstance(dtypes, dict) else {}
     return {
         "_module": "pandas.core.frame",
         "_class": "DataFrame",
         "_object": json.dumps(
-            {"columns": [columns[j] for j in kept], "index": index, "data": [[row[j] for j in kept] for row in data]}
+            {
+                "columns": columns,
+                "index": index,
+                "data": [[x if _is_plain(x) else NOT_PLAIN for x in row] for row in data],
+            }
         ),
         "orient": "split",
         "dtype": {
-            columns[j]: types[columns[j]]
-            for j in kept
-            if isinstance(types.get(columns[j]), str) and _DTYPE.fullmatch(types[columns[j]])
+            column: types[column]
+            for column, known in zip(columns, plain, strict=True)
+            if known and isinstance(types.get(column), str) and _DTYPE.fullmatch(types[column])
         },
         "is_multiindex": False,
         "is_multicolumn": False,
     }
+
+
+def _is_plain(cell: Any) -> bool:
+    return cell is None or isinstance(cell, str | int | float)
 
 
 def to_net(document: dict[str, Any]) -> Any:

@@ -73,12 +73,18 @@ class Reading:
     def leave_out(self, row: Row, reason: str) -> None:
         self.unmapped.append(Unmapped(row.label, reason))
 
-    def number(self, row: Row, column: str, sign: str = "", default: Fraction | None = None) -> Fraction:
-        """The shortest decimal of a cell; `sign` is "> 0", ">= 0" or "". Without a default a cell may not be empty."""
+    def number(
+        self, row: Row, column: str, sign: str = "", default: Fraction | None = None, blank: bool = False
+    ) -> Fraction:
+        """The shortest decimal of a cell; `sign` is "> 0", ">= 0" or "".
+
+        The default is that of a column that is not there, as in older files. A cell that is empty in a column that is
+        there has it with `blank` only, where pandapower takes it so; elsewhere it computes nothing with such a row.
+        """
         value: Any = row.values.get(column)
         harmless = Fraction(1) if default is None else default
         if missing(value):
-            if default is None:
+            if default is None or (column in row.values and not blank):
                 self.fault("I003", row, column, "the number is missing")
             return harmless
         try:
