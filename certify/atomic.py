@@ -18,7 +18,17 @@ def write_atomically(path: Path, data: bytes) -> None:
 
 @contextmanager
 def open_atomically(path: Path) -> Iterator[IO[bytes]]:
-    """A file beside the target, renamed to it at the end, removed if anything goes wrong. Raises: OSError."""
+    """A file beside the target, renamed to it at the end, removed if anything goes wrong. Raises: OSError.
+
+    What is no file, such as /dev/null or a pipe, is written to as it is: renaming a file to it would put an end to it,
+    for every other program too. A symbolic link is followed, not replaced.
+    """
+    if path.is_symlink():
+        path = Path(os.path.realpath(path))
+    if path.exists() and not path.is_file():
+        with path.open("wb") as file:
+            yield file
+        return
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
