@@ -23,12 +23,12 @@ def open_atomically(path: Path) -> Iterator[IO[bytes]]:
     What is no file, such as /dev/null or a pipe, is written to as it is: renaming a file to it would put an end to it,
     for every other program too. A symbolic link is followed, not replaced.
     """
-    if path.is_symlink():
-        path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
         with path.open("wb") as file:
             yield file
         return
+    if path.is_symlink():
+        path = Path(os.path.realpath(path))
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
