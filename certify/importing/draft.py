@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 from certify.importing.inverters import equip
 from certify.importing.network import NONE, ExpRow, Network, Note, Source, Unmapped, ZipRow
@@ -89,9 +90,15 @@ def _has_constant_power(load: ZipRow | ExpRow) -> bool:
 def _with_references(network: Network, settings: Settings) -> tuple[Source, ...]:
     """Sources with stated references. Raises: SpecError I025 for a bus without a DGU, or two DGUs at one bus."""
     sources = network.sources
-    stated = {network.aliases.get(name, name): value for name, value in settings.references.items()}
+    stated: dict[str, Fraction] = {}
     known = {source.bus for source in sources}
-    faults = [Fault("I025", "--reference", f"no DGU at bus {name}") for name in stated if name and name not in known]
+    faults = []
+    for name, value in settings.references.items():
+        bus = network.aliases.get(name, name) if name else ""
+        if bus in stated:
+            faults.append(Fault("I025", "--reference", f"twice for bus {bus}, which is also called {name}"))
+        stated[bus] = value
+    faults += [Fault("I025", "--reference", f"no DGU at bus {name}") for name in stated if name and name not in known]
     faults += [
         Fault("I025", name, f"{count} DGUs at one bus")
         for name, count in Counter(s.bus for s in sources).items()

@@ -105,6 +105,8 @@ def with_capacitances(network: Network, settings: Settings) -> Network:
     if settings.line_capacitance:
         per_metre = settings.line_capacitance
         bare = [b for b in branches if b.length_metre is not None and not b.capacitance_farad]
+        if not bare:
+            notes.append(Note("", "--line-capacitance has no effect: each line of some length has its own capacitance"))
         notes += [Note(_element(b.origins, b.name), f"capacitance stated: {quantity(per_metre, 'F/km')}") for b in bare]
         branches = tuple(
             replace(b, capacitance_farad=per_metre * b.length_metre)
@@ -116,6 +118,8 @@ def with_capacitances(network: Network, settings: Settings) -> Network:
     if settings.bus_capacitance:
         value, held = settings.bus_capacitance, capacitive(network)
         bare_buses = [bus for bus in buses if bus.name not in held]
+        if not bare_buses:
+            notes.append(Note("", "--bus-capacitance has no effect: no bus is left without a capacitance"))
         notes += [Note(_element(b.origins, b.name), f"capacitance stated: {quantity(value, 'F')}") for b in bare_buses]
         buses = tuple(bus if bus.name in held else replace(bus, capacitance_farad=value) for bus in buses)
     return replace(network, buses=buses, notes=tuple(notes))

@@ -34,12 +34,12 @@ def line(net: _Reader, row: Row) -> Branch | None:
             net.leave_out(switch, "its branch is left out")
         return None
     length = net.number(row, "length_km", "> 0") * 1000
-    parallel = net.number(row, "parallel", "> 0", ONE)
+    parallel = net.number(row, "parallel", "> 0")
     if parallel.denominator != 1:
         net.fault("I003", row, "parallel", f"not a whole number of lines: {float(parallel):g}")
     r = net.number(row, "r_ohm_per_km", ">= 0") / 1000
     x = net.number(row, "x_ohm_per_km") / 1000
-    c = net.number(row, "c_nf_per_km", ">= 0", Fraction(0)) / 10**12
+    c = net.number(row, "c_nf_per_km", ">= 0") / 10**12
     g = net.number(row, "g_us_per_km", default=Fraction(0)) / 10**9
     if x <= 0 or r <= 0:
         which = "x_ohm_per_km" if x <= 0 else "r_ohm_per_km"
@@ -84,7 +84,7 @@ def transformer(net: _Reader, row: Row) -> Branch | None:
         _left_out(net, row, switches, "one of its buses is out of service")
         return None
     kilo = Fraction(1000)
-    shift = net.number(row, "shift_degree", default=Fraction(0))
+    shift = net.number(row, "shift_degree")
     volts = {side: net.number(row, f"vn_{side}_kv", "> 0") * kilo for side in ("hv", "lv")}
     if net.flag(row, "tap_dependency_table", False):
         net.fault("I006", row, "tap_dependency_table", "a tap changer given by a table of characteristics")
@@ -94,7 +94,7 @@ def transformer(net: _Reader, row: Row) -> Branch | None:
             volts[side], turn = _tapped(net, row, tap, volts[side])
             shift += turn if side == "hv" else -turn
     power = net.number(row, "sn_mva", "> 0") * 10**6
-    parallel = net.number(row, "parallel", "> 0", ONE)
+    parallel = net.number(row, "parallel", "> 0")
     base = volts["lv"] ** 2 / power
     z = net.number(row, "vk_percent", "> 0") / 100 * base
     r = net.number(row, "vkr_percent", ">= 0") / 100 * base
@@ -103,8 +103,8 @@ def transformer(net: _Reader, row: Row) -> Branch | None:
         text = f"{values[0]:g} is not between 0 and vk_percent, {values[1]:g}: R and L of a branch are positive"
         net.fault("I020", row, "vkr_percent", text)
         z, r = 2 * base, base
-    iron = net.number(row, "pfe_kw", ">= 0", Fraction(0)) * kilo
-    idle = net.number(row, "i0_percent", default=Fraction(0)) / 100 * power
+    iron = net.number(row, "pfe_kw", ">= 0") * kilo
+    idle = net.number(row, "i0_percent") / 100 * power
     magnetising = root(max(idle * idle - iron * iron, Fraction(0)))
     if iron or magnetising:
         text = "a pi section: half of what it draws without load at either side, as trafo_model='pi' of pandapower"

@@ -6,7 +6,7 @@ from collections import defaultdict
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from certify.importing.network import Source
+from certify.importing.network import Note, Source
 from certify.importing.pandapower.loads import rating
 from certify.importing.pandapower.rows import Row
 from certify.kernel.errors import Fault
@@ -49,6 +49,10 @@ def _named_places(net: _Reader) -> list[str]:
         named = [row.index for row in net.tables.get("bus", ()) if net.text(row, "name") == text]
         if index in net.node:
             places.append(net.node[index])
+            others = [f"bus {k}" for k in named if k != index]
+            if others:
+                text_of = f"--dgu {text} is the index of this bus; it is the name of {', '.join(others[:3])}"
+                net.notes.append(Note(f"bus {index}", text_of))
         elif len(named) == 1 and named[0] in net.node:
             places.append(net.node[named[0]])
         else:

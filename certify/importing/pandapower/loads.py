@@ -18,8 +18,8 @@ ZERO, ONE = Fraction(0), Fraction(1)
 
 def _power(net: _Reader, row: Row, p: str = "p_mw", q: str = "q_mvar") -> Pair:
     """Watt and var of a row, scaled."""
-    scaling = net.number(row, "scaling", default=ONE)
-    return net.number(row, p) * scaling * MEGA, net.number(row, q, default=ZERO) * scaling * MEGA
+    scaling = net.number(row, "scaling")
+    return net.number(row, p) * scaling * MEGA, net.number(row, q) * scaling * MEGA
 
 
 def load(net: _Reader, row: Row, node: str) -> ZipRow:
@@ -62,7 +62,7 @@ def storage(net: _Reader, row: Row, node: str) -> ZipRow:
 
 def motor(net: _Reader, row: Row, node: str) -> ZipRow:
     """The electrical power that the mechanical one needs, at its power factor; constant, as in pandapower."""
-    share = net.number(row, "loading_percent", ">= 0", Fraction(100)) / 100 * net.number(row, "scaling", default=ONE)
+    share = net.number(row, "loading_percent", ">= 0") / 100 * net.number(row, "scaling")
     efficiency = net.number(row, "efficiency_percent", "> 0") / 100
     p = net.number(row, "pn_mech_mw") * MEGA / efficiency * share
     cosine = net.number(row, "cos_phi", "> 0")
@@ -84,26 +84,20 @@ def shunt(net: _Reader, row: Row, node: str) -> ZipRow:
     """A constant impedance that draws `step` times its power at its own voltage; a capacitor has a negative q_mvar."""
     if net.flag(row, "step_dependency_table", False):
         net.fault("I006", row, "step_dependency_table", "a shunt given by a table of characteristics")
-    steps = net.number(row, "step", ">= 0", ONE)
+    steps = net.number(row, "step", ">= 0")
     own = net.volt[node] if missing(row.values.get("vn_kv")) else net.number(row, "vn_kv", "> 0") * 1000
-    power = (
-        net.number(row, "p_mw", default=ZERO) * steps * MEGA,
-        net.number(row, "q_mvar", default=ZERO) * steps * MEGA,
-    )
+    power = (net.number(row, "p_mw") * steps * MEGA, net.number(row, "q_mvar") * steps * MEGA)
     share = (net.volt[node] / own) ** 2
     return ZipRow(node, net.volt[node], (power[0] * share, power[1] * share), origins=(row.label,))
 
 
 def asymmetric_load(net: _Reader, row: Row, node: str, sign: int = 1) -> ZipRow:
     """Three times the power of one phase, if all three are equal."""
-    phases = [
-        (net.number(row, f"p_{phase}_mw", default=ZERO), net.number(row, f"q_{phase}_mvar", default=ZERO))
-        for phase in "abc"
-    ]
+    phases = [(net.number(row, f"p_{phase}_mw"), net.number(row, f"q_{phase}_mvar")) for phase in "abc"]
     if len(set(phases)) > 1:
         listed = ", ".join(f"{float(p):g} MW + {float(q):g} Mvar" for p, q in phases)
         net.fault("I005", row, "", f"three-phase unbalance: the phases draw {listed}")
-    scaling = net.number(row, "scaling", default=ONE) * sign * 3 * MEGA
+    scaling = net.number(row, "scaling") * sign * 3 * MEGA
     return _constant(net, row, node, (phases[0][0] * scaling, phases[0][1] * scaling))
 
 

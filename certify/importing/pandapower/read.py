@@ -261,9 +261,13 @@ class _Reader(Reading):
         return self.node.get(index, "")
 
     def aliases(self) -> dict[str, str]:
-        """Index and name of each bus, as options may call it; the index comes first."""
-        result: dict[str, str] = {}
+        """Index and name of each bus, as options may call it; the index comes first. A name of several is none."""
+        named: dict[str, set[str]] = defaultdict(set)
         for row in self.tables.get("bus", ()):
             if row.index in self.node:
-                result.setdefault(self.text(row, "name"), self.node[row.index])
+                named[self.text(row, "name")].add(self.node[row.index])
+        result = {
+            name: next(iter(nodes)) if len(nodes) == 1 else f"{name}, a name of {len(nodes)} buses"
+            for name, nodes in named.items()
+        }
         return result | {str(index): node for index, node in self.node.items()}

@@ -78,8 +78,8 @@ class Reading:
     ) -> Fraction:
         """The shortest decimal of a cell; `sign` is "> 0", ">= 0" or "".
 
-        The default is that of a column that is not there, as in older files. A cell that is empty in a column that is
-        there has it with `blank` only, where pandapower takes it so; elsewhere it computes nothing with such a row.
+        The default is that of a column that older files have not. A cell that is empty in a column that is there has
+        it with `blank` only, where pandapower takes it so; elsewhere it computes nothing with such a row.
         """
         value: Any = row.values.get(column)
         harmless = Fraction(1) if default is None else default
