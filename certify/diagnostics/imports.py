@@ -53,8 +53,8 @@ ENTRIES = (
     Diagnostic(
         "I008",
         "a package that is not installed",
-        "Networks of pandapower are read by pandapower itself, which is an extra of this package.",
-        "pip install 'certify-eip[pandapower]'",
+        "Networks of pandapower and SimBench are read by these packages themselves, which are extras of this one.",
+        "run the command of the message; the extras are pandapower, simbench and opendss",
     ),
     Diagnostic(
         "I009",
