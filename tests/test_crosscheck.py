@@ -120,7 +120,7 @@ def test_a_storage_matrix_that_is_no_proof_is_noticed() -> None:
     claimed, rest = claimed_of(CIGRE)
     part = claimed.parts["dgu/2"]
     assert part.P is not None
-    for i in (4, 2, 0):
+    for i in (4, 0):
         P = part.P.copy()
         P[i, i] *= 1.05
         claimed.parts["dgu/2"] = replace(part, P=P)

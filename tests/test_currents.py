@@ -136,7 +136,7 @@ formulas = st.recursive(
 
 
 @given(formulas, formulas, points)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_law_has_the_values_of_its_formulas(I_d: str, I_q: str, V: Pair) -> None:
     scope = dict(zip(("Vd", "Vq"), V, strict=True))
     try:
@@ -148,7 +148,7 @@ def test_a_law_has_the_values_of_its_formulas(I_d: str, I_q: str, V: Pair) -> No
 
 
 @given(points, points, points, points)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_isotropic_parts_are_added(V: Pair, Y: Pair, P: Pair, centre: Pair) -> None:
     assume(any(V))
     load = law("Vd*Vq/(7 + Vd)", "1")
@@ -436,7 +436,7 @@ unit = st.tuples(small, small).filter(lambda p: p[0] ** 2 + p[1] ** 2 <= 1)
     st.fractions(Fraction(1, 4), Fraction(3, 2), max_denominator=4),
     st.lists(st.tuples(unit, unit), min_size=8, max_size=8),
 )
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_random_laws(load: CurrentLaw, centre: Pair, radius: Fraction, ends: list[tuple[Pair, Pair]]) -> None:
     status, detail, proposal = decide(load, centre, radius)
     lipschitz = None

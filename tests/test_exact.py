@@ -97,7 +97,7 @@ def factored(draw: st.DrawFn) -> tuple[poly.Polynomial, list[Fraction]]:
 
 
 @given(factored(), st.fractions(-4, 4, max_denominator=4), st.fractions(-4, 4, max_denominator=4))
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=120)
 def test_signs_on_an_interval(case: tuple[poly.Polynomial, list[Fraction]], a: Fraction, b: Fraction) -> None:
     p, roots = case
     assume(a < b)
@@ -114,7 +114,7 @@ def test_signs_on_an_interval(case: tuple[poly.Polynomial, list[Fraction]], a: F
 
 
 @given(factored())
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=80)
 def test_negative_points(case: tuple[poly.Polynomial, list[Fraction]]) -> None:
     p, roots = case
     marks = [Fraction(0), *sorted({r for r in roots if r > 0}), Fraction(100)]
@@ -150,7 +150,7 @@ def exactly(x: Fraction) -> mpmath.mpf:
 
 
 @given(positive, st.fractions(-100, 100, max_denominator=1000), st.sampled_from([64, 160, 400]))
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=80)
 def test_power_enclosures_hold_the_power(x: Fraction, e: Fraction, bits: int) -> None:
     low, high = powers.power_enclosure(x, e, bits)
     with mpmath.workdps(900):
@@ -162,7 +162,7 @@ def test_power_enclosures_hold_the_power(x: Fraction, e: Fraction, bits: int) ->
 
 
 @given(positive, st.fractions(-20, 20, max_denominator=60), st.integers(-1, 1), st.integers(5, 60))
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=80)
 def test_comparison_of_powers(x: Fraction, e: Fraction, side: int, digits: int) -> None:
     with mpmath.workdps(400):
         value = mpmath.power(exactly(x), exactly(e))

@@ -194,7 +194,7 @@ def grid(band: tuple[Fraction, ...], count: int) -> list[float]:
     return [low + (high - low) * k / count for k in range(count + 1)]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.one_of(zip_cells(), exp_cells()), st.integers(0, 10**6))
 def test_numbers_against_floats(cells: dict[str, str], seed: int) -> None:
     (r,) = decide(to_csv(cells))
@@ -253,7 +253,7 @@ def refuting_product(r: Result) -> Any:
     return mpmath.re(mpmath.conj(phasors[1] - phasors[0]) * (currents[1] - currents[0]))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.one_of(zip_cells(), exp_cells()))
 def test_critical_voltage_against_mpmath(cells: dict[str, str]) -> None:
     (r,) = decide(to_csv(cells))
@@ -638,7 +638,7 @@ def test_header() -> None:
             accepted([json.dumps(first | {"band": band}), *LINES[1:]])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, len(TABLE) - 1), st.integers(0, 255))
 def test_any_changed_byte_of_the_table_is_rejected(position: int, byte: int) -> None:
     changed = bytearray(TABLE)
@@ -647,7 +647,7 @@ def test_any_changed_byte_of_the_table_is_rejected(position: int, byte: int) -> 
         rejected(LINES, "K103", bytes(changed))
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**9), st.integers(32, 126))
 def test_any_changed_byte_of_the_certificate_is_rejected_or_says_the_same(position: int, byte: int) -> None:
     whole = bytearray(("\n".join(LINES) + "\n").encode())

@@ -84,7 +84,7 @@ bands = st.tuples(
 
 
 @given(st.one_of(zips.map(node), exps.map(node), st.builds(node, zips, exps), st.builds(node, exps, exps)), bands)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_decided_as_dense_sampling_says(law: LoadLaw, band: Pair) -> None:
     status, proposal, strict = decide(law, band)
     least = least_determinant(law, band)
@@ -110,7 +110,7 @@ mostly_monotone = st.builds(
     bands,
     st.lists(st.tuples(st.floats(0, 1), st.floats(-math.pi, math.pi)), min_size=2, max_size=2),
 )
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_the_lemma_cannot_be_broken(law: LoadLaw, band: Pair, places: list[tuple[float, float]]) -> None:
     """An accepted load is monotone between any two voltages of the annulus, at any angle."""
     status, _, _ = decide(law, band)
@@ -121,7 +121,7 @@ def test_the_lemma_cannot_be_broken(law: LoadLaw, band: Pair, places: list[tuple
 
 
 @given(zips.map(node), bands)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_a_refuting_pair_shows_in_floats_too(law: LoadLaw, band: Pair) -> None:
     status, proposal, _ = decide(law, band)
     assume(status == "refuted")

@@ -12,7 +12,7 @@ from tests.campaign_loads import RIGHT, UNKNOWN, compare, pair_fault
 from tests.load_cases import B, Case, X, Z, load_case, load_cases
 from tests.load_oracle import BOUNDARY, MONOTONE, NOT_MONOTONE, Law, exact_verdict, judge, product_sign
 
-SAMPLE, SEED = 120, 7
+SAMPLE, SEED = 60, 7
 
 
 @pytest.mark.parametrize("first", range(0, SAMPLE, 20))

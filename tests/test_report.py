@@ -534,3 +534,13 @@ def test_curves_are_broken_where_there_is_no_number() -> None:
     assert "inf" not in drawn
     assert "&lt;a&gt;" in drawn
     assert decade_ticks(1e-3, 1e3)[0] == 1e-3
+
+
+def test_a_motion_that_rings_for_ever_is_followed_only_so_far(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Networks of short cables and constant power ring at megahertz: ten milliseconds took minutes."""
+    from certify.report.page import motion
+
+    monkeypatch.setattr(motion, "MAX_PIECES", 3)
+    assert main(["report", str(ROOT / "specs/two-inverters.toml"), "-o", str(tmp_path / "page")]) == 0
+    text = (tmp_path / "page" / "index.html").read_text()
+    assert "it rings too fast to be followed further for a page (pieces: 3)" in text

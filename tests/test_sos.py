@@ -66,7 +66,7 @@ def product(*factors: list[Fraction | int]) -> Polynomial:
 
 
 @given(st.lists(small, min_size=1, max_size=5), st.lists(small, max_size=2), st.integers(0, 3), st.booleans())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_found_iff_nonnegative(rest: list[Fraction], roots: list[Fraction], ends: int, irrational: bool) -> None:
     """On [-1, 1], with squared roots that may be irrational, and with roots at either end."""
     p = product(rest, *([-r, 1] for r in roots for _ in (0, 1)))

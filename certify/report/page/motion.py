@@ -6,7 +6,7 @@ It is evidence and no proof; only a contradiction would mean something for certa
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -27,10 +27,12 @@ from certify.report.page.charts import Axis, Chart, padded
 from certify.report.page.subject import Progress, Subject
 from certify.report.page.words import short
 from certify.rests import read_region
-from certify.simulation import TOLERANCE, Course, Simulation, simulate_course
+from certify.simulation import TOLERANCE, Course, Simulation, Stage, simulate_course
+from certify.simulator.motion import Diverged, Piece
 from certify.simulator.plant import Array
 
 MAX_NODES = 400  # beyond which nothing is simulated for a page
+MAX_PIECES = 2000  # of a motion: one that rings for ever is followed as far as that, the same on every machine
 SAMPLES = 4000
 FIRST = 1e-6  # of the time that is followed is where a logarithmic axis begins
 ATTEMPTS = 2  # to break the region, on each island
@@ -131,10 +133,25 @@ def _follow(subject: Subject, course: Course, state: Array | None, progress: Pro
     times = numpy.concatenate([[0.0], numpy.geomspace(FIRST * course.end, course.end, SAMPLES)])
     times[-1] = course.end
     cross_check = CrossCheck(course.phases, {1: subject.certificate}, TOLERANCE, ATTEMPTS)
-    simulation = simulate_course(course, start=state, samples=times, observe=cross_check.see, progress=progress)
+    observe = _up_to(MAX_PIECES, cross_check.see)
+    simulation = simulate_course(course, start=state, samples=times, observe=observe, progress=progress)
     checked = cross_check.finish()
     levels = tuple((first, 0.0, course.end, r.level) for first, r in subject.regions.items() if r.level is not None)
     return _Followed(course, simulation, checked, levels, True)
+
+
+def _up_to(count: int, see: Callable[[Stage, Piece], None]) -> Callable[[Stage, Piece], None]:
+    """The same observer, that ends the motion after so many pieces."""
+    left = count
+
+    def observe(stage: Stage, piece: Piece) -> None:
+        nonlocal left
+        see(stage, piece)
+        left -= 1
+        if left <= 0:
+            raise Diverged(piece.end, f"it rings too fast to be followed further for a page (pieces: {count:,})")
+
+    return observe
 
 
 def _scenario(subject: Subject, name: str, why: str, progress: Progress | None) -> Motion:
@@ -144,7 +161,8 @@ def _scenario(subject: Subject, name: str, why: str, progress: Progress | None) 
     proved = prove_phases(subject.spec, course.phases)
     certificates = {entry.phase.number: entry.certificate.data for entry in proved}
     cross_check = CrossCheck(course.phases, certificates, TOLERANCE, ATTEMPTS)
-    simulation = simulate_course(course, samples=SAMPLES // 2, observe=cross_check.see, progress=progress)
+    observe = _up_to(MAX_PIECES * len(course.phases), cross_check.see)
+    simulation = simulate_course(course, samples=SAMPLES // 2, observe=observe, progress=progress)
     checked = cross_check.finish()
     levels = []
     for entry in proved:
@@ -170,7 +188,7 @@ def _show(followed: _Followed, start: str) -> Motion:
             where = f"phase {entry.number}: " if len(checked) > 1 else ""
             bad.append(f"{where}{KINDS[found.kind]}: {found.where}, {found.value:.3g} where at most {found.limit:.3g}")
     if simulation.diverged is not None:
-        start += f". The motion left all bounds at t = {simulation.diverged.at_second:.4g} s"
+        start += f". Not followed beyond t = {simulation.diverged.at_second:.4g} s: {simulation.diverged.reason}"
     phases = tuple(_phase(entry, followed.course, len(checked) > 1) for entry in checked)
     return Motion(f"{start}.", tuple(pictures), phases, tuple(bad))
 
