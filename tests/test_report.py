@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from certify.certificate import Certificate, prove
 from certify.cli import main
+from certify.diagnostics import DIAGNOSTICS
 from certify.inputs import decode_all
 from certify.report.page import diagram, entries
 from certify.report.page.build import build_report
@@ -127,24 +128,14 @@ def test_what_is_conditional_is_not_called_proved() -> None:
     assert "That proves nothing" in told
 
 
-LIMITED = """format = "certify/microgrid@1"
-frequency = "50 Hz"
-[filter.lc]
-R = "0.1 ohm"
-L = "1.8 mH"
-C = "25 uF"
-[controller.phs]
-kind = "ida-pbc"
-alpha = -5
-nu = 1
-ki = 100
-[node.a]
-dgu = { filter = "lc", controller = "phs", reference = ["20 kV", "0 V"] }
-load = [{ kind = "rl", R = "50 ohm", L = "0.1 H" }]
+LIMITED = (
+    DIAGNOSTICS["S002"].example
+    + """
 [node.b]
 dgu = { filter = "lc", controller = "phs", reference = ["20 kV", "1 kV"], limits = ["20.1 kV", "1 kV"] }
 load = [{ kind = "rl", R = "5 ohm", L = "0.01 H" }]
 """
+)
 
 
 def test_islands_are_told_one_by_one() -> None:
