@@ -25,7 +25,7 @@ from certify.kernel.errors import Fault, SpecError
 from certify.kernel.linalg import Matrix
 from certify.kernel.quantity import shorten
 from certify.kernel.spec import decode
-from certify.provenance import moment
+from certify.provenance import moment, settle_epoch
 from certify.search.earlier import Earlier
 from certify.search.methods import METHODS
 from certify.search.prove import Progress, find_claims
@@ -166,6 +166,7 @@ def prove(
     >>> prove("specs/cigre-mv-as-printed.toml")["dgu/1"].status
     'refuted'
     """
+    settle_epoch()
     text = to_bytes(spec)
     if method is not None and method not in METHODS:
         message = f"expected {', '.join(METHODS)}, got {shorten(method)}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import io
 import os
@@ -10,7 +11,10 @@ from collections.abc import Callable
 from typing import Any, NoReturn
 
 from certify.commands import build_parser, command_module
+from certify.commands.common import bad_input
 from certify.exits import INTERNAL
+from certify.kernel.errors import SpecError
+from certify.provenance import settle_epoch
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -19,7 +23,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = build_parser(given[0] if given else None).parse_args(given)
     try:
         with contextlib.redirect_stdout(_Pipe(sys.stdout)), contextlib.redirect_stderr(_Pipe(sys.stderr)):
-            code: int = command_module(options.command).run(options)
+            code = _run(options)
             sys.stdout.flush()
             sys.stderr.flush()
         return code
@@ -32,6 +36,15 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"internal error: {type(error).__name__}: {error}", file=sys.stderr)
         print("this is a defect of certify; CERTIFY_DEBUG=1 shows where", file=sys.stderr)
         return INTERNAL
+
+
+def _run(options: argparse.Namespace) -> int:
+    try:
+        settle_epoch()
+    except SpecError as error:
+        return bad_input(options, error.faults, "the environment")
+    code: int = command_module(options.command).run(options)
+    return code
 
 
 class _Pipe(io.TextIOBase):

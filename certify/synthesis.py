@@ -22,6 +22,7 @@ from certify.kernel.model import node_capacitances, to_state_feedback
 from certify.kernel.quantity import NumberText, QuantityError, parse_quantity, shorten
 from certify.kernel.reader import read_document
 from certify.kernel.spec import IdaPbc, Microgrid, StateFeedback
+from certify.provenance import settle_epoch
 from certify.search.prove import Progress
 from certify.search.synthesis import (
     KINDS,
@@ -270,6 +271,7 @@ def synthesize(
     >>> certify.synthesize("specs/single-inverter.toml", "bus", settle=0.02, kind="ida-pbc").met
     True
     """
+    settle_epoch()
     given, node = to_bytes(spec), str(node)
     grid = decode_all(given)
     wish = read_wish(settle, decay, max_gain, tolerance, kind)

@@ -535,3 +535,14 @@ def test_a_motion_that_rings_for_ever_is_followed_only_so_far(monkeypatch: pytes
     assert main(["report", str(ROOT / "specs/two-inverters.toml"), "-o", str(tmp_path / "page")]) == 0
     text = (tmp_path / "page" / "index.html").read_text()
     assert "it rings too fast to be followed further for a page (pieces: 3)" in text
+
+
+def test_a_page_of_something_else_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "index.html"
+    page.write_text("<p>mine")
+    command = ["report", str(ROOT / "specs/two-inverters.toml"), "-o", str(tmp_path), "--no-simulate"]
+    assert main(command) == 2
+    assert "index.html is there, and no page of certify" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
+    page.unlink()
+    assert main(command) == main(command) == 0

@@ -205,6 +205,8 @@ def rejected(options: argparse.Namespace, rejection: Rejected) -> int:
         from certify.report.text import paint
 
         head = paint("rejected", sys.stderr.isatty())
-        print(f"{head}[{rejection.code}]: {rejection.reason}\n --> {rejection.where}", file=sys.stderr)
+        file = getattr(options, "certificate", None)
+        where = f"{file}: {rejection.where}" if isinstance(file, str) else rejection.where
+        print(f"{head}[{rejection.code}]: {rejection.reason}\n --> {where}", file=sys.stderr)
         print(f"  = help: {DIAGNOSTICS[rejection.code].remedy}", file=sys.stderr)
     return code

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+from pathlib import Path
 from typing import Any
 
 from certify.commands.common import add_method, bad_input, guarded, progress_bar, prove_file
@@ -45,6 +47,15 @@ def run(options: argparse.Namespace) -> int:
     return guarded(options, lambda: _report(options))
 
 
+def _keep_what_is_foreign(folder: Path) -> None:
+    """A page of something else is not written over. Raises: SpecError."""
+    page = folder / "index.html"
+    with contextlib.suppress(OSError):
+        if page.is_file() and b'name="generator" content="certify' not in page.read_bytes():
+            message = f"cannot write to the folder {folder}: index.html is there, and no page of certify"
+            raise SpecError((Fault("U001", "-o", message),))
+
+
 def _report(options: argparse.Namespace) -> int:
     from certify.inputs import decode_all, read
     from certify.kernel.check import check
@@ -56,6 +67,7 @@ def _report(options: argparse.Namespace) -> int:
     proved_here = options.certificate is None
     names = names_of_files(proved_here)
     check_folder(options.output, names, options.spec)
+    _keep_what_is_foreign(Path(options.output))
     if not proved_here and options.method is not None:
         raise SpecError((Fault("U001", "--method", "nothing is proved if a certificate is given; leave one out"),))
     if not proved_here:

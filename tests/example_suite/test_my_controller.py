@@ -1,7 +1,7 @@
 """A suite of a user's own, whole: a controller design, its properties, and the feeder that it is for.
 
     pip install 'certify-eip[testing]'
-    pytest tests/example_suite --certify-report proofs
+    pytest --certify-report proofs
 
 Beside it, feeder.microgrid.toml is a test by its name, and constant-power.refuted.microgrid.toml one that has to be refuted.
 """
