@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from tests.simulation_cases import CONTROLLERS
+
 Table = dict[str, Any]
 
 # States to compare at: what is taken off the state at rest, as a share of it, and how far random states are from there,
@@ -17,20 +19,7 @@ MOTION_SECOND = 0.01
 # The numbers that R-L loads have among those of a whole scenario, by spec and node.
 NUMBERS: dict[str, dict[str, list[str]]] = {"open": {"b": ["7"]}}
 
-OWN: Table = {
-    "kind": "linear",
-    "let": {"c": "5e-5", "l": "2e-3", "r": "0.5", "tau": "1e-3", "k": "1.5"},
-    "F": [
-        [0, "w0", "1/c", 0, 0, 0],
-        ["-w0", 0, 0, "1/c", 0, 0],
-        ["-1/l", 0, "-r/l", "w0", "-k/l", 0],
-        [0, "-1/l", "-w0", "-r/l", 0, "-k/l"],
-        [0, 0, "1/tau", 0, "-1/tau", 0],
-        [0, 0, 0, "1/tau", 0, "-1/tau"],
-    ],
-    "B": [["1/c", 0], [0, "1/c"], [0, 0], [0, 0], [0, 0], [0, 0]],
-    "C": [[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0]],
-}
+OWN: Table = CONTROLLERS["own"]
 COMMON: Table = {
     "format": "certify/microgrid@1",
     "frequency": "50 Hz",
